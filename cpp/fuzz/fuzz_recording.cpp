@@ -1,13 +1,18 @@
+#include <algorithm>
 #include <cstdint>
 #include <cstdlib>
+#include <string>
 #include <string_view>
+#include <vector>
 
 #include "capture/image_frames.hpp"
+#include "capture/image_names.hpp"
 #include "manip3d/error.hpp"
 
 // The first byte chooses how the others are read: c, as a calibration.json; f, as a line of
-// frames.jsonl; otherwise as a list of a TUM sequence. The result must be cameras that pass
-// check_intrinsics and names that stay in their folder, or a FormatError with a reason.
+// frames.jsonl; n, as names of images, one a line; otherwise as a list of a TUM sequence. The
+// result must be cameras that pass check_intrinsics, names that stay in their folder, frames in
+// ascending order, and pairs that share no image; or a FormatError with a reason.
 namespace manip3d {
 namespace {
 
@@ -42,6 +47,36 @@ void frame_line(std::string_view text) {
   }
 }
 
+void check_partners(const std::vector<std::int64_t>& partners, std::size_t num_others) {
+  std::vector<bool> is_taken(num_others);
+  for (const std::int64_t partner : partners) {
+    if (partner < 0) continue;
+    if (partner >= std::ssize(is_taken) || is_taken[partner]) std::abort();
+    is_taken[partner] = true;
+  }
+}
+
+void image_names(std::string_view text) {
+  std::vector<std::string> names;
+  while (!text.empty()) {
+    const std::size_t end = std::min(text.find('\n'), text.size());
+    names.emplace_back(text.substr(0, end));
+    text.remove_prefix(std::min(end + 1, text.size()));
+  }
+  std::ranges::sort(names, comes_before);
+  for (std::size_t i = 1; i < names.size(); ++i) {
+    if (comes_before(names[i], names[i - 1])) std::abort();
+  }
+  for (const std::string& name : names) time_in_name(name, ImageKind::kDepth);
+  const std::vector<std::int64_t> indices = frame_indices(names);
+  for (std::size_t i = 0; i < indices.size(); ++i) {
+    if (i == 0 ? indices[0] != 0 : indices[i] <= indices[i - 1]) std::abort();
+  }
+  const std::vector<std::string> depth(names.begin(), names.begin() + std::ssize(names) / 2);
+  const std::vector<std::string> color(names.begin() + std::ssize(names) / 2, names.end());
+  check_partners(pair_by_name(depth, color), color.size());
+}
+
 void tum_list(std::string_view text) {
   const std::vector<TimedFile> files =
       parse_tum_list(text, [](const std::string& name) { return name.size() % 2 == 0; }).files;
@@ -51,12 +86,7 @@ void tum_list(std::string_view text) {
   }
   const std::vector<TimedFile> first(files.begin(), files.begin() + std::ssize(files) / 2);
   const std::vector<TimedFile> rest(files.begin() + std::ssize(files) / 2, files.end());
-  std::vector<bool> is_taken(rest.size());
-  for (const std::int64_t partner : associate(first, rest, 20'000'000)) {
-    if (partner < 0) continue;
-    if (partner >= std::ssize(rest) || is_taken[partner]) std::abort();
-    is_taken[partner] = true;
-  }
+  check_partners(associate(first, rest, 20'000'000), rest.size());
 }
 
 }  // namespace
@@ -70,6 +100,8 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
       manip3d::calibration(text);
     } else if (data[0] == 'f') {
       manip3d::frame_line(text);
+    } else if (data[0] == 'n') {
+      manip3d::image_names(text);
     } else {
       manip3d::tum_list(text);
     }

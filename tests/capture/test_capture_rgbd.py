@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 import rgbd_frames
-from manip3d import DeviceError, FormatError, InputError, Intrinsics, RgbdFrame, capture
+from manip3d import DeviceError, FormatError, InputError, Intrinsics, RgbdFrame, capture, simplify
 from manip3d._util.paths import by_number
 from manip3d.capture import _frames_in_memory, _rgbd_source
 from real_data import RealData
@@ -553,6 +553,9 @@ def test_plain_folders_are_in_the_order_of_their_numbers(tmp_path: Path) -> None
 # In the order of `by_number`: digits go first, then the other characters, and equal values by text.
 NAMES = ["01.png", "1.png", "1-2.png", "1-10.png", "1a.png", "2.png", "A.png", "a.png", "a00.png"]
 NAMES += ["a0.png", "a1b2.png", "a1b10.png", "a2.png", "a-1.png", "aa.png"]
+# Decimal numbers, whose digits after the point are a fraction, and names that are none.
+NAMES += ["0.5.png", "0.25.png", "00.250.png", "1.25.png", "1.30a.png", "1.4a.png", "1.2.30.png"]
+NAMES += ["1.2.4.png", "a0.5.png", "a0.25.png"]
 
 
 def test_plain_folders_are_sorted_as_in_python(tmp_path: Path) -> None:
@@ -563,6 +566,114 @@ def test_plain_folders_are_sorted_as_in_python(tmp_path: Path) -> None:
     found = opened(tmp_path, camera=Intrinsics(16, 12, 15.0, 15.0, 7.5, 5.5))
     order = [NAMES[int(f.depth[0, 0]) - 1000] for f in found]
     assert order == sorted(NAMES, key=by_number)
+
+
+SMALL = Intrinsics(16, 12, 15.0, 15.0, 7.5, 5.5)
+
+
+def named_images(folder: Path, depth: list[str], color: list[str]) -> list[str]:
+    """Write images that hold their place in these lists, and return the paths of depth images."""
+    for kind, names in (("depth", depth), ("color", color)):
+        (folder / kind).mkdir(parents=True)
+        for i, name in enumerate(names):
+            shape, dtype = ((12, 16), np.uint16) if kind == "depth" else ((12, 16, 3), np.uint8)
+            Image.fromarray(np.full(shape, i, dtype)).save(folder / kind / f"{name}.png")
+    return [str(folder / "depth" / f"{name}.png") for name in depth]
+
+
+def partners(source: capture.RgbdSource) -> list[tuple[int, int | None]]:
+    """Return the places of the depth and the colour image of each frame."""
+    return [
+        (int(f.depth[0, 0]), None if f.color is None else int(f.color[0, 0, 0])) for f in source
+    ]
+
+
+def test_images_of_lost_frames_leave_gaps(tmp_path: Path) -> None:
+    """Equally many depth and colour images, of different frames: an order is shifted."""
+    depth = [f"{i:06}" for i in range(12) if i != 3]
+    color = [f"{i:06}" for i in range(12) if i != 7]
+    named_images(tmp_path, depth, color)
+    source = opened(tmp_path, camera=SMALL, rate=10.0)
+    frames = list(source)
+    assert [frame.number for frame in frames] == [i for i in range(12) if i != 3]
+    assert [frame.time_ns for frame in frames] == [i * 10**8 for i in range(12) if i != 3]
+    assert partners(opened(tmp_path, camera=SMALL)) == [
+        (i, color.index(name) if name in color else None) for i, name in enumerate(depth)
+    ]
+    assert source.counters["without_color"] == 1
+    assert source[3].number == 4  # an index counts images
+    with pytest.raises(InputError, match=r"found 10 of 11, none for 000007\.png$"):
+        simplify.colors_of_frames(sorted((tmp_path / "depth").iterdir()), tmp_path / "color")
+
+
+def test_names_that_are_times_give_the_times(tmp_path: Path) -> None:
+    """Names of Python's floats, which lack trailing zeros."""
+    at = 1_700_000_000
+    depth = [f"{at}.0", f"{at}.03333", f"{at}.1", f"{at}.13333", f"{at}.2", f"{at}.23333"]
+    color = [f"{at}.035", f"{at}.11", f"{at}.13", f"{at}.195", f"{at}.3"]
+    frames = named_images(tmp_path, depth, color)
+    source = opened(tmp_path, camera=SMALL)
+    found = list(source)
+    seconds = [0, 33_330_000, 100_000_000, 133_330_000, 200_000_000, 233_330_000]
+    assert [frame.time_ns - at * 10**9 for frame in found] == seconds
+    assert [frame.number for frame in found] == list(range(6))
+    expected = [(0, None), (1, 0), (2, 1), (3, 2), (4, 3), (5, None)]
+    assert partners(opened(tmp_path, camera=SMALL)) == expected
+    assert source.counters["without_color"] == 2
+    assert source.assumed_rate is None
+    with pytest.raises(InputError, match=r"rate: expected none, since the frames of .* have"):
+        opened(tmp_path, camera=SMALL, rate=30.0)
+    pairs = simplify.colors_of_frames(frames[1:5], tmp_path / "color")
+    assert [Path(pairs[frame]).stem for frame in frames[1:5]] == color[:4]
+    for i in range(4):
+        (tmp_path / "color" / f"{at + 1 + i}.5.png").write_bytes(b"of no frame")
+    (tmp_path / "color" / "preview.png").write_bytes(b"of no time")
+    assert partners(opened(tmp_path, camera=SMALL)) == expected
+    (tmp_path / "depth" / "preview.png").write_bytes(b"of no time")
+    for i in range(4):
+        (tmp_path / "depth" / f"{at + 1 + i}.5.png").write_bytes(b"")
+    with pytest.raises(FormatError, match=r"preview\.png: expected a time as its name"):
+        opened(tmp_path, camera=SMALL)
+
+
+def random_names(rng: np.random.Generator, kind: int) -> tuple[list[str], list[str]]:
+    """Return names of depth and colour images of which some are lost."""
+    kept = [np.flatnonzero(rng.random(16) > rng.choice([0.0, 0.1, 0.3])) for _ in range(2)]
+    first = int(rng.choice([0, 1, 5]))
+    lists: list[list[str]] = []
+    for shows, own in zip(("depth", "rgb"), kept, strict=True):
+        number = own + first * (shows == "rgb") * int(rng.integers(0, 2))
+        if kind == 0:
+            names = [f"{n:04}" if shows == "rgb" else str(n) for n in number]
+        elif kind == 1:
+            names = [f"{shows}_{n}" for n in number]
+        elif kind == 2:
+            names = [f"{'img' if shows == 'rgb' else 'scan'}{n}" for n in number]
+        else:
+            names = [f"{7.0 + n / 30 + 0.004 * rng.random():.5f}".rstrip("0") for n in number]
+        lists.append(names)
+    return lists[0], lists[1]
+
+
+@pytest.mark.parametrize("kind", range(4))
+@pytest.mark.parametrize("seed", range(8))
+def test_meshes_have_the_colours_of_the_frames(kind: int, seed: int, tmp_path: Path) -> None:
+    """Where both pair all depth images they agree, and frames without a colour are an error."""
+    depth, color = random_names(np.random.default_rng([seed, kind]), kind)
+    files = named_images(tmp_path, depth, color)
+    try:
+        seen = partners(opened(tmp_path, camera=SMALL))
+    except FormatError:
+        with pytest.raises(InputError):
+            simplify.colors_of_frames(files, tmp_path / "color")
+        return
+    colored = [files[i] for i, partner in seen if partner is not None]
+    if len(colored) < len(files):
+        with pytest.raises(InputError):
+            simplify.colors_of_frames(files, tmp_path / "color")
+    pairs = simplify.colors_of_frames(colored, tmp_path / "color")
+    chosen = [color.index(Path(pairs[file]).stem) for file in colored]
+    assert chosen == [partner for _, partner in seen if partner is not None]
 
 
 @pytest.mark.parametrize("units", [1000.0, 5000.0, 100.0])

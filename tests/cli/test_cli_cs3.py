@@ -787,7 +787,7 @@ def test_masks_of_many_frames(frames: Path, tmp_path: Path) -> None:
     assert max(row["points_before"] for row in json.loads(one.stdout)) < 1.2 * counts[0]
     (masks / "0.npy").unlink()
     done = manip3d(*base, "-q", "-o", tmp_path / "few", "--mask", masks)
-    assert "--mask: expected 4 images in" in error_line(done)
+    assert "found 3 of 4, none for 000.depth.png" in error_line(done)
 
 
 def test_disparities_of_8_bits_have_colours_masks_and_confidences(tmp_path: Path) -> None:

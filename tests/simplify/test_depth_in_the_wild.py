@@ -418,6 +418,37 @@ def test_pictures_are_not_shifted_by_a_lost_frame(name: str, names: str, tmp_pat
     assert len(simplify.colors_of_frames(frames[:-1], tmp_path, name=name)) == 4
 
 
+def test_numbers_are_those_of_one_list_if_some_agree(tmp_path: Path) -> None:
+    for i in (0, 2, 4, 6):
+        (tmp_path / f"{i:04}.jpg").touch()
+    with pytest.raises(InputError, match=r"by the name of each depth image, found 1 of 4"):
+        simplify.colors_of_frames([f"d/{i}.png" for i in (1, 2, 3, 5)], tmp_path)
+    pairs = simplify.colors_of_frames([f"d/a{i}.png" for i in (1, 3, 5, 7)], tmp_path)  # none does
+    assert [Path(image).stem for image in pairs.values()] == ["0000", "0002", "0004", "0006"]
+    pairs = simplify.colors_of_frames([f"d/a{i}.png" for i in (6, 2)], tmp_path)
+    assert {frame: Path(image).stem for frame, image in pairs.items()} == {
+        "d/a2.png": "0002", "d/a6.png": "0006"
+    }  # fmt: skip
+
+
+def test_one_list_may_be_numbered_from_0_and_the_other_from_1(tmp_path: Path) -> None:
+    for i in range(1, 6):
+        (tmp_path / f"{i}.jpg").touch()
+    pairs = simplify.colors_of_frames([f"d/{i}.png" for i in range(5)], tmp_path)
+    assert [Path(image).stem for image in pairs.values()] == ["1", "2", "3", "4", "5"]
+    (tmp_path / "5.jpg").rename(tmp_path / "6.jpg")  # a number is missing
+    with pytest.raises(InputError, match=r"found 4 of 5, none for 0\.png$"):
+        simplify.colors_of_frames([f"d/{i}.png" for i in range(5)], tmp_path)
+
+
+def test_names_that_are_decimal_numbers_are_in_the_order_of_their_values(tmp_path: Path) -> None:
+    names = ["0.25.png", "0.5.png", "1.0.png", "1.03333.png", "1.1.png", "10.0.png"]
+    for name in names:
+        (tmp_path / name).touch()
+    found = find_files([tmp_path], suffixes=(".png",))
+    assert [Path(file.name).name for file in found] == names
+
+
 def test_time_stamps_that_agree_by_chance_are_no_names(tmp_path: Path) -> None:
     for stamp in ("1.10", "1.23", "1.37"):
         (tmp_path / f"{stamp}.png").touch()

@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "capture/image_frames.hpp"
+#include "capture/image_names.hpp"
 #include "capture/small_file.hpp"
 #include "manip3d/capture/folder.hpp"
 #include "manip3d/capture/grab_thread.hpp"
@@ -24,6 +25,9 @@ using Calibration = std::shared_ptr<const RgbdCalibration>;
 
 constexpr double kMillimetres = 1000.0;
 constexpr double kTumUnits = 5000.0;
+/// Largest difference in time, in nanoseconds, of images that are paired: 0.02 s, as in
+/// associate.py of the TUM benchmark.
+constexpr std::int64_t kMaxApart = 20'000'000;
 
 /// Runs `parse` on the text of a file, and adds the file's name to its errors.
 template <typename Parse>
@@ -127,7 +131,6 @@ ImageFrames::Listing listed(std::int64_t count,
   const auto next = [at, count, list = std::move(list_frame)](FrameFiles& files) {
     if (*at == count) return false;
     files = {};
-    files.number = *at;
     list(*at, files);
     ++*at;
     return true;
@@ -138,34 +141,12 @@ ImageFrames::Listing listed(std::int64_t count,
 
 // --- plain folders ------------------------------------------------------------------------------
 
-/// Cuts the digits off the front of a text and returns them without leading zeros.
-std::string_view cut_number(std::string_view& text) {
-  const std::size_t end = std::min(text.find_first_not_of("0123456789"), text.size());
-  std::string_view number = text.substr(0, end);
-  text.remove_prefix(end);
-  number.remove_prefix(std::min(number.find_first_not_of('0'), number.size()));
-  return number;
-}
-
-/// Whether a name comes before another. Digits are compared by the value of their run, so that 2 is
-/// before 10, and come before other characters; 01 is before 1.
-bool comes_before(std::string_view a, std::string_view b) {
-  const auto starts_with_digit = [](std::string_view s) { return s[0] >= '0' && s[0] <= '9'; };
-  const std::string_view whole_a = a, whole_b = b;
-  while (!a.empty() && !b.empty()) {
-    const bool is_number = starts_with_digit(a);
-    if (is_number != starts_with_digit(b)) return is_number;
-    if (is_number) {
-      const std::string_view x = cut_number(a), y = cut_number(b);
-      if (x != y) return x.size() != y.size() ? x.size() < y.size() : x < y;
-    } else {
-      if (a[0] != b[0]) return a.substr(0, 1) < b.substr(0, 1);
-      a.remove_prefix(1);
-      b.remove_prefix(1);
-    }
-  }
-  return a.empty() && b.empty() ? whole_a < whole_b : a.empty();
-}
+/// Images of one kind, in the order of their times if their names are times, or else of their
+/// names.
+struct ImageList {
+  std::vector<fs::path> paths;
+  std::vector<TimedFile> times;  ///< One per image; empty: the names are no times.
+};
 
 std::vector<fs::path> images_in(const fs::path& folder) {
   std::vector<fs::path> images;
@@ -183,34 +164,104 @@ std::vector<fs::path> images_in(const fs::path& folder) {
   return images;
 }
 
-std::vector<fs::path> color_images_in(const fs::path& folder) {
+/// Lists the images of a folder. An image whose name is no time among others whose names are is an
+/// error for depth images, and left out for colour images, which belong to no frame then.
+ImageList listed_images(const fs::path& folder, ImageKind kind) {
+  ImageList list{images_in(folder), {}};
+  std::vector<std::optional<std::int64_t>> times;
+  for (const fs::path& path : list.paths) times.push_back(time_in_name(path.stem().native(), kind));
+  if (!are_times(times)) return list;
+  for (std::size_t i = 0; i < times.size(); ++i) {
+    if (times[i]) {
+      list.times.push_back({*times[i], list.paths[i].native()});
+    } else if (kind == ImageKind::kDepth) {
+      throw FormatError("expected a time as its name, as other images of its folder have", {})
+          .in_file(list.paths[i].string());
+    }
+  }
+  std::ranges::stable_sort(list.times, {}, &TimedFile::time_ns);
+  list.paths.clear();
+  for (const TimedFile& file : list.times) list.paths.emplace_back(file.name);
+  return list;
+}
+
+ImageList listed_color_images(const fs::path& folder) {
   for (const char* name : {"color", "colour", "rgb"}) {
-    if (auto images = images_in(folder / name); !images.empty()) return images;
+    auto list = listed_images(folder / name, ImageKind::kColor);
+    if (!list.paths.empty()) return list;
   }
   return {};
 }
 
+std::vector<std::string> names_of(const ImageList& list) {
+  std::vector<std::string> names;
+  for (const fs::path& path : list.paths) names.push_back(path.stem().string());
+  return names;
+}
+
+/// Times in whole microseconds, as those of colors_of_frames in Python, which pairs by the same
+/// rule.
+std::vector<TimedFile> in_microseconds(std::vector<TimedFile> files) {
+  for (TimedFile& file : files) file.time_ns = (file.time_ns + 500) / 1000 * 1000;
+  return files;
+}
+
+/// The index of each depth image's colour image, or -1: by the times of both, or else by their
+/// names.
+std::vector<std::int64_t> partners_of(const ImageList& depth, const ImageList& color) {
+  if (depth.times.empty() || color.times.empty()) {
+    return pair_by_name(names_of(depth), names_of(color));
+  }
+  return associate(in_microseconds(depth.times), in_microseconds(color.times), kMaxApart);
+}
+
+/// Numbers and times of the depth images' frames. Names that are no times are evenly spaced, except
+/// for gaps where frame numbers are missing.
+std::vector<FrameFiles> frames_of(const ImageList& depth, double rate) {
+  std::vector<FrameFiles> frames(depth.paths.size());
+  const std::vector<std::int64_t> indices = frame_indices(names_of(depth));
+  for (std::size_t i = 0; i < frames.size(); ++i) {
+    frames[i].depth.path = depth.paths[i];
+    if (depth.times.empty()) {
+      frames[i].number = indices[i];
+      frames[i].time_ns = static_cast<std::int64_t>(static_cast<double>(indices[i]) * 1e9 / rate);
+    } else {
+      frames[i].number = static_cast<std::int64_t>(i);
+      frames[i].time_ns = depth.times[i].time_ns;
+    }
+  }
+  return frames;
+}
+
+[[noreturn]] void refuse_rate(const fs::path& folder) {
+  throw InputError("rate: expected none, since the frames of " + folder.string() + " have times");
+}
+
+/// @param rate  Frames per second; 0: none is given.
 ImageFrames::Listing plain_frames(const fs::path& folder, double rate) {
-  const std::vector<fs::path> depth = images_in(folder / "depth");
-  const std::vector<fs::path> color = color_images_in(folder);
-  if (depth.empty()) {
+  const ImageList depth = listed_images(folder / "depth", ImageKind::kDepth);
+  if (depth.paths.empty()) {
     throw FormatError("expected frames.jsonl, or images in " + (folder / "depth").string(), {})
         .in_file(folder.string());
   }
-  if (!color.empty() && color.size() != depth.size()) {
-    throw FormatError("expected as many colour as depth images, got " +
-                          std::to_string(color.size()) + " and " + std::to_string(depth.size()),
-                      {})
-        .in_file(folder.string());
+  const bool has_times = !depth.times.empty();
+  if (has_times && rate > 0.0) refuse_rate(folder);
+  const double assumed_rate = rate > 0.0 ? rate : kFolderRate;
+  std::vector<FrameFiles> frames = frames_of(depth, assumed_rate);
+  Counters counters;
+  if (const ImageList color = listed_color_images(folder); !color.paths.empty()) {
+    const std::vector<std::int64_t> partner = partners_of(depth, color);
+    for (std::size_t i = 0; i < frames.size(); ++i) {
+      if (partner[i] >= 0) frames[i].color.path = color.paths[partner[i]];
+    }
+    counters.emplace_back("without_color", std::ranges::count(partner, -1));
   }
-  const auto list = [depth, color, rate](std::int64_t index, FrameFiles& files) {
-    const std::size_t i = index;
-    files.time_ns = static_cast<std::int64_t>(static_cast<double>(index) * 1e9 / rate);
-    files.depth.path = depth[i];
-    if (!color.empty()) files.color.path = color[i];
+  const std::int64_t count = std::ssize(frames);
+  const auto list = [frames = std::move(frames)](std::int64_t index, FrameFiles& files) {
+    files = frames[index];
   };
-  ImageFrames::Listing found = listed(std::ssize(depth), list, {});
-  found.assumed_rate = rate;
+  ImageFrames::Listing found = listed(count, list, std::move(counters));
+  found.assumed_rate = has_times ? 0.0 : assumed_rate;
   return found;
 }
 
@@ -259,7 +310,6 @@ Calibration tum_calibration(const TumCamera& camera) {
 }
 
 ImageFrames::Listing tum_frames(const fs::path& folder) {
-  constexpr std::int64_t kMaxApart = 20'000'000;  // associate.py of the benchmark: 0.02 s
   // The lock comes first, so that nobody replaces the recording while the lists are read.
   auto lock = std::make_shared<RecordingLock>(folder, RecordingLock::For::kReading);
   const auto parse = [&folder](std::string_view text) {
@@ -273,6 +323,7 @@ ImageFrames::Listing tum_frames(const fs::path& folder) {
   const std::vector<std::int64_t> partner = associate(depth, color, kMaxApart);
   const auto list = [folder, depth, color, partner](std::int64_t index, FrameFiles& f) {
     const std::size_t i = index;
+    f.number = index;
     f.time_ns = depth[i].time_ns;
     f.depth.path = folder / depth[i].name;
     if (partner[i] >= 0) f.color.path = folder / color[partner[i]].name;
@@ -289,12 +340,9 @@ ImageFrames::Listing tum_frames(const fs::path& folder) {
 std::unique_ptr<RgbdSource> open_folder(const fs::path& folder, const RgbdOptions& options) {
   Calibration calibration = options.calibration ? options.calibration : stored_calibration(folder);
   const bool is_recording = fs::exists(folder / "frames.jsonl");
-  if (is_recording && options.rate > 0.0) {
-    throw InputError("rate: expected none, since the frames of " + folder.string() + " have times");
-  }
+  if (is_recording && options.rate > 0.0) refuse_rate(folder);
   ImageFrames::Listing frames =
-      is_recording ? recorded_frames(folder)
-                   : plain_frames(folder, options.rate > 0.0 ? options.rate : kFolderRate);
+      is_recording ? recorded_frames(folder) : plain_frames(folder, options.rate);
   frames.marks_missing = !is_recording;
   if (!calibration) {
     throw InputError("calibration: " + folder.string() +

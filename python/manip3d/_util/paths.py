@@ -39,11 +39,28 @@ def is_hidden(name: str) -> bool:
     return name.startswith(".")
 
 
+_DECIMAL = re.compile(r"(?:^|/)[0-9]+\.([0-9]+)\.[^./0-9][^/]*$")
+"""A path whose last name is a decimal number with a suffix; the group is its fraction."""
+
+
 def by_number(name: str) -> tuple[tuple[tuple[int, str, int], ...], str]:
-    """Return a key that sorts names with numbers in them by value, so that 2 is before 10."""
-    parts = re.split(r"([0-9]+)", name)
-    key = tuple((1, "", int(p)) if i % 2 else (0, p, 0) for i, p in enumerate(parts))
-    return key, name  # the name distinguishes 01 from 1
+    """Return a key that sorts names with numbers in them by value, so that 2 is before 10.
+
+    A name that is a decimal number, apart from its suffix, is sorted by its value: 0.25.png is
+    before 0.5.png. In other names (``scan1.25.png``) each run of digits is a whole number.
+    """
+    decimal = _DECIMAL.search(name)
+    fraction = decimal.start(1) if decimal else -1
+    key: list[tuple[int, str, int]] = []
+    for part in re.finditer(r"[0-9]+|[^0-9]+", name):
+        text = part.group()
+        if part.start() == fraction:
+            key.append((0, text, 0))
+        elif text[0] in "0123456789":
+            key.append((0, "", int(text)))
+        else:
+            key.append((1, text, 0))
+    return tuple(key), name  # the name distinguishes 01 from 1
 
 
 def in_order(paths: Iterable[Path]) -> list[Path]:

@@ -111,7 +111,7 @@ def open_rgbd(
         bag, images of floating-point numbers are in metres; those of integers have 1000 units per
         metre, unless a RealSense's recording states another unit.
     rate : float, optional
-        Frames per second of a folder of images, which has no times, 0.01 to 1000. Default: 30.
+        Frames per second of a folder of images whose names are no times, 0.01 to 1000. Default: 30.
     start : int
         Index of the first frame to read, for recordings, simulated people and data sets. The source
         begins at this frame each time it is read again. It does not shift indices: ``source[0]``
@@ -151,6 +151,21 @@ def open_rgbd(
 
     At most 300 frames of a background or motion are kept; they are played forwards and backwards in
     turn. If the background has no colour, no frame has.
+
+    A folder of images has depth images in ``depth`` and, optionally, colour images in ``color``,
+    ``colour`` or ``rgb``.
+
+    - Names that are times (in seconds with a fraction, or in smaller units since 1970) are the
+      times of the frames, and images at most 0.02 s apart are paired, as in a TUM sequence.
+    - Other images are evenly spaced, with gaps in `RgbdFrame.number` and ``time_ns`` where numbers
+      are missing. They are paired by the numbers in their names, or by equal names. Lists of equal
+      length are paired in order if no names agree, or if one is numbered from 0, the other from 1,
+      and no number is missing.
+    - It is an error if less than two thirds of the depth images have a colour image of their number
+      (nine of ten if no number is missing), or if lists of equal length differ although one of them
+      lacks no number.
+    - Depth images without a colour image are counted (``counters["without_color"]``), and colour
+      images without a depth image are left out.
 
     Pixels of 65535 in depth images of other programs (folders of images, TUM, bags) are not
     measured, whatever the unit: many cameras and data sets mark missing pixels so. Folders count

@@ -70,7 +70,7 @@ FolderRate = Annotated[
     typer.Option(
         "--rate",
         min=0,
-        help="Frames per second of a folder of images, which has no times; 0: 30.",
+        help="Frames per second of a folder of images whose names are no times; 0: 30.",
     ),
 ]
 DepthUnit = Annotated[

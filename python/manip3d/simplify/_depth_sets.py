@@ -7,6 +7,7 @@ import os
 import re
 from collections import Counter
 from collections.abc import Hashable, Sequence
+from fractions import Fraction
 from pathlib import Path
 
 import numpy as np
@@ -19,8 +20,10 @@ from manip3d.io import DEPTH_SUFFIXES, read_depth_guessing
 from manip3d.simplify._depth_words import COMMON_GUESS
 from manip3d.simplify._time_stamps import MAX_SECONDS_APART, associate, seconds
 
+_NUMBER = r"[0-9]+(?:\.[0-9]+)?"
 _IMAGE_SUFFIXES = (*DEPTH_SUFFIXES, ".jpg", ".jpeg", ".bmp", ".ppm", ".webp")
 _FRAMES_FOR_A_GUESS = 9
+_MOST_SECONDS = 9e9  # greater numbers are dates; nanoseconds of these do not fit 64 bits
 
 
 @checked
@@ -32,17 +35,21 @@ def colors_of_frames(
 ) -> dict[str, str]:
     """Return the colour image of each depth image.
 
+    The rule is that of `manip3d.capture.open_rgbd`, with the difference that each depth image needs
+    a colour image.
+
     If each depth image has a colour image of the same name (without suffix), they are matched by
     name, and other colour images are ignored. Names are also the same if they differ only in the
     words depth and color: ``1.depth.png``, ``1.color.png``; ``depth_1.png``, ``rgb_1.png``;
-    ``1_depth.png``, ``1.jpg``; ``1_depth.npy``, ``1_depth_mask.npy``. Else, if the names are times
-    in seconds with a fraction, or in smaller units since 1970, they are paired as
-    `manip3d.capture.open_rgbd` pairs those of a TUM folder: the most pairs at most 0.02 s apart,
-    each image once, in the order of time, and of these the least differences. If they are not, and
-    less than half of the depth images have a colour image of their name, both are sorted by name
-    (numbers in names by their value) and matched in order; if half or more have, but not all, it is
-    an error, as the order would be shifted. Hidden files and files whose suffix is not that of an
-    image are ignored.
+    ``1_depth.png``, ``1.jpg``; ``1_depth.npy``, ``1_depth_mask.npy``; or if the same numbers are
+    in them: ``img_1.png``, ``0001.jpg``. Numbers are compared by value. Else, if the names are
+    times in seconds with a fraction, or in smaller units since 1970, they are paired as those of a
+    TUM folder: the most pairs at most 0.02 s apart, each image once, in the order of time, and of
+    these the least differences. If they are not, both are sorted by name (numbers in names by their
+    value) and matched in order, provided that none has the name of another, or that one is numbered
+    from 0, the other from 1, and no number is missing. If only some depth images have a colour
+    image of their name, it is an error, as the order would be shifted. Hidden files and files whose
+    suffix is not that of an image are ignored.
 
     If ``colors`` also holds the depth images, these are left out, and only images with such a word
     in their names are matched in order. Masks and confidences then need their word in any case.
@@ -64,9 +71,9 @@ def colors_of_frames(
     Raises
     ------
     InputError
-        Names are times, and a depth image has no colour image within 0.02 s; half or more of the
-        depth images have a colour image of their name and others have not; less than half have, and
-        there are not as many colour images as depth images; or ``name`` is unknown.
+        Names are times, and a depth image has no colour image within 0.02 s; some depth images have
+        a colour image of their name and others have not; none has, and there are not as many colour
+        images as depth images; or ``name`` is unknown.
     OSError
         The folder cannot be read.
 
@@ -90,8 +97,8 @@ def colors_of_frames(
     names = sorted((os.fspath(frame) for frame in frames), key=by_number)
     # Beside the depth images, a file without the word for a mask would be a colour image.
     needs_word = shares_folder and name != "color"
-    best = _by_name(names, named if needs_word else images, named, name)
     candidates = named if shares_folder else images
+    best = _by_name(names, named if needs_word else images, candidates, named, name)
     chosen = [image for image in best if image is not None]
     if len(chosen) < len(frames):
         stamps = [_time_of(Path(frame).stem, "depth") for frame in names]
@@ -100,7 +107,7 @@ def colors_of_frames(
             pairs = associate(stamps, times)
             best = [None if i is None else candidates[i] for i in pairs]
             chosen = _all_of(best, names, f"within {MAX_SECONDS_APART} s", colors, name)
-        elif 2 * len(chosen) >= len(frames):
+        elif chosen and not _count_from_0_and_1(names, candidates):
             chosen = _all_of(best, names, "by the name", colors, name)
         else:
             chosen = candidates
@@ -114,11 +121,16 @@ def colors_of_frames(
 
 
 def _by_name(
-    frames: Sequence[str], images: Sequence[Path], named: Sequence[Path], kind: str
+    frames: Sequence[str],
+    images: Sequence[Path],
+    candidates: Sequence[Path],
+    named: Sequence[Path],
+    kind: str,
 ) -> list[Path | None]:
     """Return the image of each depth image's name; None: there is none.
 
-    ``named`` are those of the images that have the word for their kind in their names.
+    ``named`` are those of the images that have the word for their kind in their names;
+    ``candidates`` are those that may have other words than the depth images.
     """
     stems = [Path(frame).stem for frame in frames]
     keys = [_without(_words(stem), "depth") for stem in stems]
@@ -128,6 +140,11 @@ def _by_name(
         _by_key(keys, named, [_without(words, "depth") for words in names]),  # 1_depth_mask
         _by_key(stems, images, [path.stem for path in images]),
         _by_key(keys, images, [_words(path.stem) for path in images]),
+        _by_key(
+            [_numbers(stem) or stem for stem in stems],
+            candidates,
+            [_numbers(path.stem) or path.stem for path in candidates],
+        ),
     ]
     return max(tries, key=lambda pairs: sum(image is not None for image in pairs))
 
@@ -160,11 +177,20 @@ _WORDS = {
 _KINDS = ("color", "mask", "confidence")
 
 
-def _words(stem: str) -> tuple[str, ...]:
-    return tuple(re.findall(r"[^\W\d_]+|\d+", stem.lower()))
+_Words = tuple[str | Fraction, ...]
 
 
-def _without(words: tuple[str, ...], kind: str) -> tuple[str, ...]:
+def _words(stem: str) -> _Words:
+    """Return the words and the values of the numbers in a name."""
+    found = re.findall(rf"[^\W\d_]+|{_NUMBER}", stem.lower())
+    return tuple(Fraction(word) if word[0] in "0123456789" else word for word in found)
+
+
+def _numbers(stem: str) -> tuple[Fraction, ...]:
+    return tuple(word for word in _words(stem) if isinstance(word, Fraction))
+
+
+def _without(words: _Words, kind: str) -> _Words:
     """Return the words of a name without the last one that says what kind the image is of."""
     places = [i for i, word in enumerate(words) if word in _WORDS[kind]]
     return words[: places[-1]] + words[places[-1] + 1 :] if places else words
@@ -176,13 +202,15 @@ def maps_by_name(names: Sequence[str]) -> set[str]:
     Their last word says so (``1_depth_mask.npy``), apart from numbers, and others have the word for
     depth.
     """
-    last = {
-        name: next((word for word in reversed(_words(Path(name).stem)) if not word.isdigit()), "")
-        for name in names
-    }
+    last = {name: _last_word(Path(name).stem) for name in names}
     maps = {name for name in names if last[name] in _WORDS["mask"] | _WORDS["confidence"]}
     has_depth = any("depth" in _words(Path(name).stem) for name in names if name not in maps)
     return maps if has_depth else set()
+
+
+def _last_word(stem: str) -> str:
+    """Return the last word of a name that is no number; empty if there is none."""
+    return next((word for word in reversed(_words(stem)) if isinstance(word, str)), "")
 
 
 def _time_of(stem: str, kind: str) -> float:
@@ -190,13 +218,22 @@ def _time_of(stem: str, kind: str) -> float:
 
     A time has a fraction, or so many digits that it counts milliseconds or less since 1970.
     """
-    numbers = re.findall(r"[0-9]+(?:\.[0-9]+)?", stem)
+    numbers = re.findall(_NUMBER, stem)
     others = set(re.findall(r"[^\W\d_]+", stem.lower())) - _WORDS[kind]
     if len(numbers) != 1 or others:
         return math.nan
     (number,) = numbers
     time = seconds(float(number))
-    return time if "." in number or time < float(number) else math.nan
+    is_time = "." in number or time < float(number)
+    return time if is_time and time < _MOST_SECONDS else math.nan
+
+
+def _count_from_0_and_1(frames: Sequence[str], images: Sequence[Path]) -> bool:
+    """Return whether one of two lists is numbered from 0, the other from 1, both without gaps."""
+    stems = [Path(frame).stem for frame in frames]
+    lists = [[_numbers(stem)[-1:] for stem in each] for each in (stems, [p.stem for p in images])]
+    wanted = [[(Fraction(i),) for i in range(first, first + len(frames))] for first in (0, 1)]
+    return lists in (wanted, wanted[::-1])
 
 
 def _are_times(stamps: Sequence[float]) -> bool:

@@ -22,11 +22,20 @@
 /// described in src/capture/rgbd_json.hpp.
 namespace manip3d {
 
-/// Opens `folder:`, a recording, or any folder with `depth/*.png` and optionally as many colour
-/// images in `color/`, `colour/` or `rgb/`, in the order of their names. A folder that is not a
-/// recording needs a calibration (`options.calibration`, or calibration.json) and has no
-/// times: its frames are evenly spaced, `options.rate` a second (0: kFolderRate).
-/// @throws InputError  options.rate is given for a recording; no calibration is known.
+/// Opens `folder:`, a recording, or any folder with `depth/*.png` and optionally colour images in
+/// `color/`, `colour/` or `rgb/`, in the order of their names. A folder that is not a recording
+/// needs a calibration (`options.calibration`, or calibration.json).
+///
+/// If the names of depth images are times (in seconds with a fraction, or with so many digits that
+/// they count milliseconds or less since 1970), these are the times of the frames, and colour
+/// images whose names are times are paired with them as in open_tum(). Otherwise there are no
+/// times: frames are evenly spaced, `options.rate` a second (0: kFolderRate), with gaps in their
+/// times and numbers where frame numbers are missing. Colour images are then paired by the numbers
+/// in the names, or in order if no numbers agree (see pair_by_name() in
+/// src/capture/image_names.hpp). The counter `without_color` counts depth images without a colour
+/// image if there are colour images at all; colour images without a depth image are left out.
+/// @throws InputError  options.rate is given for frames that have times; no calibration is known.
+/// @throws FormatError  it is not known which images belong together.
 std::unique_ptr<RgbdSource> open_folder(const std::filesystem::path& folder,
                                         const RgbdOptions& options);
 
