@@ -218,6 +218,36 @@ TEST(TumList, ALastLineThatIsTornIsLeftOut) {
   EXPECT_THROW(parse_tum_list("1.0\n1.1 rgb/1.1.png\n", exists), FormatError);
 }
 
+TEST(TumList, CommasAndAByteOrderMarkAreBlanks) {
+  const auto exists = [](const std::string&) { return true; };
+  const auto check = [&](const std::string& text) {
+    const auto files = parse_tum_list(text, exists).files;
+    ASSERT_EQ(files.size(), 1U) << text;
+    EXPECT_EQ(files[0].time_ns, 1'305'031'102'160'407'000) << text;
+    EXPECT_EQ(files[0].name, "depth/a.png") << text;
+  };
+  check("1305031102.160407,depth/a.png\n");
+  check("1305031102.160407, depth/a.png\r\n");
+  check("1305031102.160407\t,depth/a.png,more\n");
+  check(",1305031102.160407 depth/a.png\n");
+  check("# a, comment\n1305031102.160407,depth/a.png # another, one\n");
+  check("\xEF\xBB\xBF# time file\n1305031102.160407 depth/a.png\n");
+  check(
+      "\xEF\xBB\xBF"
+      "1305031102.160407 depth/a.png\n");
+  const auto with_decimal_comma = parse_tum_list("12,25 a.png\n-1,5 b.png\n", exists).files;
+  ASSERT_EQ(with_decimal_comma.size(), 2U);
+  EXPECT_EQ(with_decimal_comma[0].time_ns, -1'500'000'000);
+  EXPECT_EQ(with_decimal_comma[1].time_ns, 12'250'000'000);
+  EXPECT_EQ(parse_tum_list("12,a.png\n", exists).files.at(0).time_ns, 12'000'000'000);
+  EXPECT_THROW(parse_tum_list("1.0,\n", exists), FormatError);
+  EXPECT_THROW(parse_tum_list("1.0,/a.png\n", exists), FormatError);
+  EXPECT_THROW(parse_tum_list("1.0 a.png\n\xEF\xBB\xBF"
+                              "1.1 b.png\n",
+                              exists),
+               FormatError);
+}
+
 TEST(Registry, TellsSchemesAndRefusesOthers) {
 #ifdef __SANITIZE_ADDRESS__
   const __lsan::ScopedDisabler drivers;  // OpenNI2's drivers leak when they are unloaded

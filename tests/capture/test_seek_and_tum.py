@@ -375,6 +375,35 @@ def test_meshes_have_the_colours_of_the_frames(unit: int, seed: int, tmp_path: P
     assert [None if k is None else colors[k] for k in alone] == [pairs.get(f) for f in files]
 
 
+@pytest.mark.parametrize("separator", [",", ", ", "\t"])
+def test_lists_of_a_tum_sequence_with_commas_and_a_byte_order_mark(
+    separator: str, tmp_path: Path
+) -> None:
+    """The benchmark's associate.py reads commas and tabs as blanks; Windows adds the mark."""
+    folder = tmp_path / "walk"
+    expected = recorded(f"tum:{folder}", 3)
+    for name in ("depth.txt", "rgb.txt"):
+        text = (folder / name).read_text().replace(" depth/", f"{separator}depth/")
+        text = text.replace(" rgb/", f"{separator}rgb/")
+        (folder / name).write_text("\ufeff" + text, encoding="utf-8")
+    with capture.open_rgbd(f"tum:{folder}") as source:
+        found = list(source)
+        assert source.counters["without_color"] == 0
+    assert [frame.time_ns for frame in found] == [frame.time_ns for frame in expected]
+
+
+def test_a_tum_sequence_without_a_list_of_colours_has_none(tmp_path: Path) -> None:
+    folder = tmp_path / "walk"
+    recorded(f"tum:{folder}", 3)
+    (folder / "rgb.txt").unlink()
+    with capture.open_rgbd(f"tum:{folder}") as source:
+        assert [frame.color for frame in source] == [None] * 3
+        assert source.counters["without_color"] == 3
+    (folder / "depth.txt").unlink()
+    with pytest.raises(FileNotFoundError, match=r"depth\.txt"):
+        capture.open_rgbd(f"tum:{folder}")
+
+
 def test_a_tum_sequence_onto_itself_is_refused_before_it_is_touched(tmp_path: Path) -> None:
     place = f"tum:{tmp_path / 'walk'}"
     capture.record(rgbd_frames.frames(3), place)

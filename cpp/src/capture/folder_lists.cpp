@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "capture/image_frames.hpp"
+#include "capture/image_names.hpp"
 #include "capture/rgbd_json.hpp"
 #include "manip3d/error.hpp"
 #include "parse/json_text.hpp"
@@ -52,23 +53,30 @@ bool is_inside(std::string_view path) {
          std::ranges::none_of(parts, [](const auto& part) { return part == ".."; });
 }
 
-/// Converts decimal seconds to nanoseconds exactly; a double would round them. The text has digits,
-/// and at most nine of them after a point.
-std::optional<std::int64_t> exact_ns(std::string_view seconds) {
-  const std::size_t point = std::min(seconds.find('.'), seconds.size());
-  std::string digits{seconds.substr(0, point)};
-  const std::string_view fraction = seconds.substr(std::min(point + 1, seconds.size()));
-  if (point > 10 || fraction.size() > 9) return std::nullopt;
-  digits += fraction;
-  digits.append(9 - fraction.size(), '0');
+/// Whether a word has the form of a number with a decimal comma.
+bool has_decimal_comma(std::string_view word) {
+  if (word.starts_with('-') || word.starts_with('+')) word.remove_prefix(1);
+  const std::size_t comma = word.find(',');
   const auto is_digit = [](char c) { return c >= '0' && c <= '9'; };
-  if (!std::ranges::all_of(digits, is_digit)) return std::nullopt;
-  return std::stoll(digits);
+  return comma != 0 && comma + 1 < word.size() && std::ranges::count(word, ',') == 1 &&
+         std::ranges::count_if(word, is_digit) == std::ssize(word) - 1;
+}
+
+/// Makes commas blanks, as the benchmark's associate.py does, except for a time's decimal comma.
+std::string without_commas(std::string_view text) {
+  LineCursor words(text, 0);
+  const std::string_view time = words.word();
+  const bool is_decimal = has_decimal_comma(time) && !words.at_end();
+  std::string line{text};
+  const auto from = is_decimal ? words.position() - text.data() : 0;
+  std::replace(line.begin() + from, line.end(), ',', ' ');
+  return line;
 }
 
 /// Parses a line of a TUM sequence's list; returns nothing if it is blank or a comment.
 std::optional<TimedFile> timed_file(std::string_view text, std::int64_t line) {
-  LineCursor words(text, line);
+  const std::string spaced = without_commas(text);
+  LineCursor words(spaced, line);
   if (words.at_end()) return std::nullopt;
   constexpr double kMaxSeconds = 9e9;  // so that nanoseconds fit 64 bits
   const char* start = words.position();
@@ -78,11 +86,13 @@ std::optional<TimedFile> timed_file(std::string_view text, std::int64_t line) {
   if (!(std::abs(seconds) <= kMaxSeconds)) {
     throw FormatError::at_line(line, "time: expected seconds up to 9e9");
   }
+  // A double would round the decimals.
+  const std::int64_t time_ns = scaled_decimal(exact, 9).value_or(std::llround(seconds * 1e9));
   const std::string_view name = words.word();
   if (!is_inside(name)) {
     throw FormatError::at_line(line, "file: expected a name inside the sequence's folder");
   }
-  return TimedFile{exact_ns(exact).value_or(std::llround(seconds * 1e9)), std::string(name)};
+  return TimedFile{time_ns, std::string(name)};
 }
 
 }  // namespace
@@ -118,6 +128,7 @@ std::shared_ptr<const RgbdCalibration> parse_calibration(std::string_view text) 
 
 TumList parse_tum_list(std::string_view text,
                        const std::function<bool(const std::string&)>& exists) {
+  if (text.starts_with("\xEF\xBB\xBF")) text.remove_prefix(3);  // byte order mark of UTF-8
   TumList list;
   std::int64_t line = 0;
   while (!text.empty()) {

@@ -319,7 +319,10 @@ ImageFrames::Listing tum_frames(const fs::path& folder) {
     });
   };
   const auto [depth, is_depth_torn] = parse_file(folder / "depth.txt", parse);
-  const auto [color, is_color_torn] = parse_file(folder / "rgb.txt", parse);
+  // Depth cameras without colour have no rgb.txt.
+  const fs::path color_list = folder / "rgb.txt";
+  const auto [color, is_color_torn] =
+      fs::exists(color_list) ? parse_file(color_list, parse) : TumList{};
   const std::vector<std::int64_t> partner = associate(depth, color, kMaxApart);
   const auto list = [folder, depth, color, partner](std::int64_t index, FrameFiles& f) {
     const std::size_t i = index;
