@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import io
+import itertools
 import sys
+from collections.abc import Callable, Iterable
 from typing import Any
 
 import numpy as np
@@ -49,6 +51,25 @@ def make(**changes: Any) -> Mesh:
         ],
     }
     return Mesh(**{**parts, **changes})
+
+
+def overwrite(arrays: Iterable[NDArray[Any] | None]) -> None:
+    """Set all numbers to 0, which are valid indices, too."""
+    for array in arrays:
+        if array is not None:
+            array[:] = 0
+
+
+def arrays_of(mesh: Mesh) -> dict[str, NDArray[Any]]:
+    values = {name: getattr(mesh, name) for name in Mesh.__slots__}
+    return {name: value for name, value in values.items() if isinstance(value, np.ndarray)}
+
+
+def assert_not_changed_by(change: Callable[[], object], mesh: Mesh) -> None:
+    before = {name: array.copy() for name, array in arrays_of(mesh).items()}
+    change()
+    for name, array in arrays_of(mesh).items():
+        np.testing.assert_array_equal(array, before[name], err_msg=name)
 
 
 COLORS = [[0, 0, 0], [255, 254, 253], [1, 2, 3], [128, 129, 130]]
@@ -107,6 +128,32 @@ class TestOpen3d:
         mesh = make(materials=[material, *make().materials], source="nowhere/mesh.obj")
         textures = mesh.to_open3d().textures
         assert [image.is_empty() for image in textures] == [True, False, True]
+
+    def test_no_memory_is_shared(self) -> None:
+        """The faces pointed into Open3D's buffer, which it changes and frees."""
+        made = make(colors=COLORS, normals=np.eye(4, 3) + 1, face_normals=make().faces)
+        source = made.to_open3d()
+        mesh = Mesh.from_open3d(source)
+        lent = [
+            np.asarray(getattr(source, name))
+            for name in (
+                *("vertices", "triangles", "vertex_normals", "vertex_colors"),
+                *("triangle_uvs", "triangle_material_ids"),
+            )
+        ]
+        assert all(array.any() for array in lent)
+        assert_not_changed_by(lambda: assert_not_changed_by(lambda: overwrite(lent), mesh), made)
+        for one, other in itertools.combinations(arrays_of(mesh).values(), 2):
+            assert not np.shares_memory(one, other)
+
+    def test_a_mesh_outlives_its_source(self) -> None:
+        import open3d as o3d
+
+        source = o3d.geometry.TriangleMesh.create_sphere(1.0, resolution=30)
+        source.remove_triangles_by_index(list(range(500)))
+        mesh = Mesh.from_open3d(source)
+        assert_not_changed_by(source.remove_unreferenced_vertices, mesh)
+        assert_not_changed_by(source.clear, mesh)
 
     def test_tensor_meshes(self) -> None:
         import open3d as o3d
@@ -179,6 +226,25 @@ class TestTrimesh:
         assert again.materials == ()
         assert again.face_material is None
         np.testing.assert_array_equal(corner_texcoords(again), corner_texcoords(mesh))
+
+    @pytest.mark.parametrize("geometry_only", [False, True])
+    @pytest.mark.parametrize("parts", [PLAIN, PLAIN | {"faces": []}, {}])
+    def test_no_memory_is_shared(self, parts: dict[str, Any], geometry_only: bool) -> None:
+        """A change of units of trimesh's mesh changed that of the mesh."""
+        made = make(colors=COLORS, **parts)
+        source = made.to_trimesh(geometry_only=geometry_only)
+        mesh = Mesh.from_trimesh(source)
+        pieces = list(source.geometry.values()) if hasattr(source, "geometry") else [source]
+
+        def change() -> None:
+            for piece in pieces:
+                piece.vertices *= 1000.0
+                piece.invert()
+                lent = [piece.vertices, piece.faces, getattr(piece.visual, "uv", None)]
+                colors = [piece.visual.vertex_colors] if piece.visual.kind == "vertex" else []
+                overwrite([*lent, *colors, *piece.vertex_attributes.values()])
+
+        assert_not_changed_by(lambda: assert_not_changed_by(change, mesh), made)
 
     def test_geometry_only(self) -> None:
         mesh = make(colors=COLORS)

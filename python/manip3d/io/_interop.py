@@ -112,7 +112,7 @@ def from_open3d(source: Any) -> Mesh:
         raise InputError(f"source: expected an Open3D TriangleMesh, got {type(source)}")
     if tensor is not None and "colors" in tensor.triangle:
         _warn_left_out(_FACE_COLORS)
-    faces = np.asarray(source.triangles, dtype=np.int32)
+    faces = np.array(source.triangles, dtype=np.int32)  # a copy: Open3D changes and frees its own
     texcoords, face_texcoords = None, None
     if source.has_triangle_uvs():
         texcoords, face_texcoords = _texture_table(
@@ -120,7 +120,7 @@ def from_open3d(source: Any) -> Mesh:
         )
     has_normals = source.has_vertex_normals()
     face_material = (
-        np.asarray(source.triangle_material_ids, dtype=np.int32)
+        np.array(source.triangle_material_ids, dtype=np.int32)
         if source.has_triangle_material_ids()
         else None
     )
@@ -140,7 +140,7 @@ def from_open3d(source: Any) -> Mesh:
         texcoords=texcoords,
         face_texcoords=face_texcoords,
         normals=np.array(source.vertex_normals) if has_normals else None,
-        face_normals=faces if has_normals else None,
+        face_normals=faces.copy() if has_normals else None,
         colors=colors,
         face_material=face_material,
         materials=materials,
@@ -234,7 +234,7 @@ def to_trimesh(mesh: Mesh, *, geometry_only: bool = False) -> Any:
     trimesh = imported("trimesh", "io")
     if geometry_only:
         return trimesh.Trimesh(
-            vertices=mesh.vertices,
+            vertices=mesh.vertices.copy(),  # trimesh changes its arrays in place
             faces=mesh.faces,
             vertex_normals=_vertex_normals(mesh),
             vertex_colors=mesh.colors,
@@ -244,7 +244,7 @@ def to_trimesh(mesh: Mesh, *, geometry_only: bool = False) -> Any:
     materials = [_trimesh_material(trimesh, mesh, m) for m in mesh.materials]
     parts = [_trimesh_part(trimesh, mesh, part, materials, normals) for part in _parts(mesh)]
     if not parts:
-        return trimesh.Trimesh(vertices=mesh.vertices, process=False)
+        return trimesh.Trimesh(vertices=mesh.vertices.copy(), process=False)
     if len(parts) == 1:
         return parts[0]
     scene = trimesh.Scene()
