@@ -306,6 +306,28 @@ def test_an_earlier_recording_stays_until_a_frame_replaces_it(kind: str, tmp_pat
         assert len(list(source)) == 2  # type: ignore[arg-type]
 
 
+@pytest.mark.parametrize("kind", ["folder", "mkv", "tum"])
+@pytest.mark.parametrize("is_new", [False, True])
+def test_a_source_without_frames_replaces_no_recording(
+    kind: str, is_new: bool, tmp_path: Path
+) -> None:
+    """A closed one is a mistake; an iterator that has ended gives an empty recording."""
+    frames = list(rgbd_frames.frames(3, color=kind != "tum"))
+    name = "walk.mkv" if kind == "mkv" else "walk"
+    place = f"{kind}:{tmp_path / name}"
+    if not is_new:
+        capture.record(frames, place)
+    with capture.from_frames(frames) as closed:
+        pass
+    with pytest.raises(InputError, match="source: frames is closed"):
+        capture.record(closed, place, overwrite=True)
+    assert (tmp_path / name).exists() != is_new
+    ended = capture.from_frames(iter(frames))
+    assert len(list(ended)) == 3
+    assert capture.record(ended, place, overwrite=True).frames == 0
+    assert len(list(capture.open_rgbd(place))) == (0 if is_new else 3)
+
+
 ENDLESS = """
 import sys
 import rgbd_frames

@@ -1227,7 +1227,9 @@ def test_a_recording_that_has_ended_begins_anew(tmp_path: Path, name: str) -> No
         assert first.number == numbers[0]
         while source.read() is not None:
             pass
-    assert list(source) == []  # stopped: nobody would close it again
+    for again in (iter(source), source.past_errors()):  # nobody would close it again
+        with pytest.raises(InputError, match=r"source: .*walk.* is closed"):
+            next(again)
     source.start()
     assert [frame.number for frame in source] == numbers
     source.stop()

@@ -13,7 +13,7 @@ import pytest
 
 import capsule_body
 import rgbd_frames
-from manip3d import LidarFrame, RgbdFrame, authenticate, capture, forge, io
+from manip3d import InputError, LidarFrame, RgbdFrame, authenticate, capture, forge, io
 
 PEOPLE = [replace(capsule_body.painted(n), number=n) for n in range(4)]
 
@@ -63,6 +63,21 @@ def test_a_loop_ends_when_the_source_is_stopped(name: str, tmp_path: Path) -> No
     assert given == 3
     assert source.read() is None
     assert list(source) == []
+    if name in ("list", "folder"):
+        source.start()
+        assert len(list(source)) == 9
+
+
+@pytest.mark.parametrize("name", SOURCES)
+def test_a_closed_source_is_not_an_empty_one(name: str, tmp_path: Path) -> None:
+    """A loop after the with statement found no frames, as if the recording had none."""
+    with SOURCES[name](tmp_path) as source:
+        for _ in source:
+            break
+    assert source.read() is None
+    for read in (source.__iter__, source.past_errors):
+        with pytest.raises(InputError, match=f"source: {source.uri} is closed"):
+            next(read())
     if name in ("list", "folder"):
         source.start()
         assert len(list(source)) == 9

@@ -22,13 +22,14 @@ class FrameSource(ABC, Generic[Frame]):
     "not yet" or False for "no more frames", and may be called from any thread. If several threads
     read, each frame goes to one of them. `stop` may be called at any time, from any thread and
     several times: it ends a `read` that waits, and a source that is not live yields no further
-    frames.
+    frames. A ``with`` statement closes the source: a loop that begins afterwards is an error,
+    because it would look like one over an empty recording.
     """
 
     uri: str
     is_live: bool
     _source: Any
-    _has_ended = _is_stopped = False
+    _has_ended = _is_stopped = _is_closed = False
 
     @abstractmethod
     def read(self, timeout: float | None = None) -> Frame | None:
@@ -66,7 +67,12 @@ class FrameSource(ABC, Generic[Frame]):
     def _rewind(self) -> None:
         """Rewind a recording to its first frame, if the source can."""
 
+    def _check_open(self) -> None:
+        if self._is_closed:
+            raise InputError(f"source: {self.uri} is closed; read it within the with statement")
+
     def __iter__(self) -> Iterator[Frame]:
+        self._check_open()
         if self._has_ended:
             self._rewind()
         while (frame := self.read()) is not None:
@@ -81,6 +87,7 @@ class FrameSource(ABC, Generic[Frame]):
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
+        self._is_closed = True
         self.stop()
 
     def __repr__(self) -> str:

@@ -35,6 +35,8 @@ _Item = TypeVar("_Item")
 class LidarSource(FrameSource[LidarFrame]):
     """Iterable source of scans; made by `open`.
 
+    After a ``with`` statement, which closes the source, iterating raises `InputError`.
+
     Attributes
     ----------
     uri : str
@@ -130,8 +132,10 @@ class LidarSource(FrameSource[LidarFrame]):
         Raises
         ------
         FormatError, InputError, OSError
-            No frame can be read; this is the first error.
+            No frame can be read; this is the first error. InputError also if a ``with`` statement
+            has closed the source.
         """
+        self._check_open()
         self.errors.clear()
         has_read = False
         for frame in past_errors(_Frames(self), self.errors, (Error, OSError)):

@@ -36,7 +36,8 @@ class Recording:
     path : Path
         The file or folder that was written.
     frames : int
-        Number of frames written.
+        Number of frames written; 0 if the source has none that was wanted. ``path`` is then an
+        empty recording, or the earlier one as it was.
     frames_with_skeleton : int
         Number of frames with a person's skeleton, which the phantom limb needs.
     seconds : float
@@ -101,7 +102,8 @@ def record(
         Quality of JPEG, 1 to 100.
     overwrite : bool
         Replace a recording of the same kind, unless another program reads or records it. The old
-        recording stays unchanged until the first frame is written.
+        recording stays unchanged until the first frame is written. It is not replaced if there is
+        none: the source is empty, or ``trigger`` never returns True.
     progress : None, True or callable(fraction, message)
         True shows a bar; a callable gets the fraction done and a message.
 
@@ -114,7 +116,8 @@ def record(
     ------
     InputError
         ``path`` exists, is being read or recorded, or has an unknown suffix; a frame does not fit
-        the calibration or the frames before; times or numbers of frames do not increase.
+        the calibration or the frames before; times or numbers of frames do not increase; the
+        source is closed.
     OSError
         Writing failed, for example because the disk is full. The frames written before can be read,
         and a note of the error states their number; a new recording without frames is removed.

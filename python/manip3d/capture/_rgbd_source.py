@@ -24,8 +24,9 @@ class RgbdSource(FrameSource[RgbdFrame]):
     """Iterable source of the frames of an RGB-D camera or recording; made by `open`.
 
     Iterating continues where reading stopped. If a recording has ended, iterating begins again at
-    its first frame, except after `stop`. `start` rewinds a recording that is read as fast as
-    possible, whether it has ended or not; one that is played in real time continues, as a camera
+    its first frame, except after `stop`. After a ``with`` statement iterating raises `InputError`,
+    until `start` or `seek` opens the source again. `start` rewinds a recording that is read as fast
+    as possible, whether it has ended or not; one that is played in real time continues, as a camera
     does. Sources made by `from_frames` can be rewound if their frames are a sequence, a simulator
     or a data set, but not if they come from an iterator.
 
@@ -201,7 +202,7 @@ class RgbdSource(FrameSource[RgbdFrame]):
 
     def _begin(self) -> None:
         self._is_started = True
-        self._has_ended = self._is_stopped = False
+        self._has_ended = self._is_stopped = self._is_closed = False
         self._source.start()
         self._calibration = _to_calibration(self._source.calibration())
 
@@ -249,7 +250,10 @@ class RgbdSource(FrameSource[RgbdFrame]):
             No frame can be read; this is the first error.
         DeviceError
             The camera was disconnected.
+        InputError
+            A ``with`` statement has closed the source.
         """
+        self._check_open()
         self.errors.clear()
         frames = cast("Iterator[RgbdFrame]", iter(self.read, None))
         most = self.num_frames or _MAX_ERRORS
