@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import functools
 import logging
 import os
 import signal
@@ -13,6 +14,7 @@ import time
 import urllib.request
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -200,6 +202,52 @@ def test_a_worker_that_dies_takes_only_its_file_along(texts: Path, tmp_path: Pat
                         options={"die": "c.txt"})  # fmt: skip
     assert ["process" in row["error"] for row in summary.rows] == [False, False, True, False]
     assert (tmp_path / "out" / "deep" / "d.txt").read_text() == "FOUR"
+
+
+COUNT = """
+import sys
+from manip3d import batch
+def count(source, output):
+    return {"bytes": len(source.read_bytes())}
+"""
+CALL = 'summary = batch.run(count, sys.argv[1], sys.argv[2], jobs=2, suffixes=[".txt"])'
+
+
+def python(*arguments: str | Path, **options: Any) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, *arguments]
+    return subprocess.run(command, capture_output=True, text=True, timeout=120, **options)
+
+
+def test_a_function_that_workers_cannot_import_is_refused_before_any_work(
+    texts: Path, tmp_path: Path
+) -> None:
+    """All files failed, with the words for a lack of memory. A cell of a notebook is no file."""
+    out = tmp_path / "out"
+    for given in (lambda source, output: {}, functools.partial(upper, seconds=0.0)):
+        with pytest.raises(InputError, match="function: expected one"):
+            batch.run(given, texts, out, jobs=2)
+    assert batch.run(lambda source, output: {}, texts, jobs=1).failed == 0
+    cell = f"{COUNT}{CALL}"
+    for done in (python("-c", cell, texts, out), python("-", texts, out, input=cell)):
+        told = done.stderr.splitlines()[-1]
+        assert "InputError: function: expected one that workers can import, got <func" in told
+        assert told.endswith('put it in a module (a .py file), or give jobs=1 or dask="local"')
+    assert not out.exists()
+
+
+def test_a_script_that_workers_must_not_run_again_says_so(texts: Path, tmp_path: Path) -> None:
+    """Each file failed after an attempt of its own to start workers."""
+    unguarded, guarded = tmp_path / "unguarded.py", tmp_path / "guarded.py"
+    unguarded.write_text(f"{COUNT}{CALL}")
+    guarded.write_text(f'{COUNT}if __name__ == "__main__":\n    {CALL}\n    print(summary.failed)')
+    done = python(unguarded, texts, tmp_path / "out")
+    *_, told = done.stderr.splitlines()
+    assert "InputError: jobs: all workers ended as they started" in told
+    assert told.endswith(
+        'below `if __name__ == "__main__":`, because its worker processes import it'
+    )
+    assert done.stderr.count("InputError: jobs: a script must call this below `if") in (1, 2)
+    assert python(guarded, texts, tmp_path / "out").stdout == "0\n"
 
 
 SCRIPT = """

@@ -10,7 +10,9 @@ import functools
 import logging
 import multiprocessing
 import os
+import pickle
 import signal
+import sys
 import threading
 import traceback
 import warnings
@@ -21,10 +23,13 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from itertools import islice
 from queue import SimpleQueue
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from manip3d._util.extras import imported
 from manip3d.errors import InputError, error_details
+
+if TYPE_CHECKING:
+    from multiprocessing.synchronize import Event
 
 _Key = TypeVar("_Key", bound=Hashable)
 Task = tuple[Callable[..., Any], tuple[Any, ...]]
@@ -33,6 +38,13 @@ Task = tuple[Callable[..., Any], tuple[Any, ...]]
 _DASK_WINDOW = 1000
 """Number of tasks submitted to a Dask scheduler at a time: enough for hundreds of workers, while
 the scheduler needs little memory."""
+
+_SPAWN = multiprocessing.get_context("spawn")
+
+_UNGUARDED = (
+    'a script must call this below `if __name__ == "__main__":`, because its worker processes '
+    "import it"
+)
 
 _log = logging.getLogger("manip3d")
 
@@ -44,6 +56,35 @@ class Outcome:
     value: Any = None
     error: str = ""
     details: Mapping[str, object] = field(default_factory=dict)
+
+
+def check_function(function: Callable[..., Any], jobs: int, dask: str) -> None:
+    """Raise InputError if workers could not import a function, before any of them is started.
+
+    A worker that cannot would die as if it had crashed, and once for each task. Dask sends the code
+    of functions that have no module.
+    """
+    if getattr(multiprocessing.current_process(), "_inheriting", False):  # it imports the script
+        raise InputError(f"jobs: {_UNGUARDED}")
+    if dask or jobs == 1:
+        return
+    try:
+        pickle.dumps(function)
+        if function.__module__ == "__main__" and not _is_main_importable():
+            raise pickle.PicklingError("the module __main__ is no file")
+    except Exception as error:  # pickle raises various types
+        raise InputError(
+            f"function: expected one that workers can import, got {function!r}; put it in a module "
+            '(a .py file), or give jobs=1 or dask="local"'
+        ) from error
+
+
+def _is_main_importable() -> bool:
+    """Return whether workers import ``__main__``, by the rules of ``multiprocessing.spawn``."""
+    main = sys.modules["__main__"]
+    if (spec := getattr(main, "__spec__", None)) is not None:
+        return str(spec.name).rpartition(".")[2] != "__main__"
+    return os.path.isfile(getattr(main, "__file__", None) or "")  # not in notebooks and shells
 
 
 def run_tasks(
@@ -78,18 +119,24 @@ def run_tasks(
         attempt = functools.partial(_attempt_on_dask, _log.getEffectiveLevel())
         window = _DASK_WINDOW
     waiting = iter(tasks.items())
+    has_started = _SPAWN.Event()
     is_done = False
     while not is_done:
         running: dict[_Key, Task] = {}
         try:
-            with _executor(workers, dask) as executor:
+            with _executor(workers, dask, has_started) as executor:
                 yield from _outcomes(
                     lambda *task: executor.submit(attempt, *task), waiting, running, window
                 )
             is_done = True
-        except BrokenProcessPool:  # a task crashed its worker: run each alone to find which one
+        except BrokenProcessPool as error:
+            if not has_started.is_set():
+                raise InputError(
+                    f"jobs: all workers ended as they started, see what they printed; {_UNGUARDED}"
+                ) from error
+            # A task crashed its worker: run each alone to find which one.
             for key, task in running.items():
-                yield key, _isolated(task)
+                yield key, _isolated(task, has_started)
 
 
 def _outcomes(
@@ -163,9 +210,9 @@ def _failure(error: BaseException) -> Outcome:
     return Outcome(error=f"{type(error).__name__}: {error}", details=error_details(error))
 
 
-def _isolated(task: Task) -> Outcome:
+def _isolated(task: Task, has_started: Event) -> Outcome:
     try:
-        with _executor(1, "") as executor:
+        with _executor(1, "", has_started) as executor:
             future: Future[Outcome] = executor.submit(_attempt, *task)
             return future.result()
     except BrokenProcessPool:
@@ -174,7 +221,8 @@ def _isolated(task: Task) -> Outcome:
 
 
 @contextmanager
-def _executor(workers: int, dask: str) -> Iterator[Executor]:
+def _executor(workers: int, dask: str, has_started: Event) -> Iterator[Executor]:
+    """Start workers; the first of them that is ready for tasks sets ``has_started``."""
     if dask:
         with _dask_client(workers, dask) as client:
             # pure=False: Dask does not reuse the result of an equal task, so that it can run again.
@@ -183,9 +231,13 @@ def _executor(workers: int, dask: str) -> Iterator[Executor]:
     others = set(multiprocessing.active_children())
     executor = ProcessPoolExecutor(
         workers,
-        mp_context=multiprocessing.get_context("spawn"),
+        mp_context=_SPAWN,
         initializer=_start_worker,
-        initargs=(max(1, len(os.sched_getaffinity(0)) // workers), _log.getEffectiveLevel()),
+        initargs=(
+            max(1, len(os.sched_getaffinity(0)) // workers),
+            _log.getEffectiveLevel(),
+            has_started,
+        ),
     )
     try:
         yield executor
@@ -197,13 +249,14 @@ def _executor(workers: int, dask: str) -> Iterator[Executor]:
         raise
 
 
-def _start_worker(threads: int, log_level: int) -> None:
+def _start_worker(threads: int, log_level: int, has_started: Event) -> None:
     _log.setLevel(log_level)
     if log_level > logging.WARNING:
         warnings.simplefilter("ignore")
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent handles Ctrl-C
     threading.Thread(target=_end_with_parent, daemon=True).start()
     os.environ["MANIP3D_THREADS"] = str(threads)
+    has_started.set()
 
 
 def _end_with_parent() -> None:

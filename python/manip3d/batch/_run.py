@@ -19,6 +19,7 @@ from manip3d._util.checked import checked
 from manip3d._util.fingerprint import code_fingerprint
 from manip3d._util.json import canonical_json, finite
 from manip3d._util.options import fraction_only, reporting
+from manip3d._util.parallel import check_function
 from manip3d._util.paths import path_of
 from manip3d.batch._places import Place
 from manip3d.batch._rows import Rows
@@ -91,7 +92,8 @@ def run(
     function : callable(source, output, **options) -> mapping
         Processes one file: reads the path ``source``, writes the path ``output`` (a file or a
         folder; None without outputs) and returns the columns of its row. Workers import it by its
-        name.
+        name from a module or a script, not from a cell of a notebook: there give ``jobs=1`` or
+        ``dask="local"``, or define it in a module.
     sources : path, URL, or sequence of them
         Files, folders and patterns, as for `find_files`, or its result.
     output : path or URL, optional
@@ -108,7 +110,8 @@ def run(
         ``.csv`` or ``.parquet``; default: ``results.csv`` in ``output``. Rows are stored beside it
         as they come, in a folder that ends in ``.rows``; a run without a table cannot be resumed.
     jobs : int
-        Processes; 0: one per core; 1: in this process.
+        Processes; 0: one per core; 1: in this process. They import the script that calls this, so
+        that the call must be below ``if __name__ == "__main__":``.
     dask : str
         Address of a Dask scheduler whose workers see the same files; ``"local"`` starts one here.
     overwrite : bool
@@ -132,7 +135,8 @@ def run(
     ------
     InputError
         No file is found; two files have the same output; an output or a table exists that no
-        earlier run of this call has made; the table has another suffix.
+        earlier run of this call has made; the table has another suffix. Worker processes cannot
+        import the function, or the script calls this while they import it.
     MissingExtraError
         The table is Parquet, and pyarrow is not installed; no file is processed.
     OSError
@@ -157,6 +161,8 @@ def run(
     """
     if jobs < 0:
         raise InputError(f"jobs: expected >= 0, got {jobs}")
+    jobs = jobs or len(os.sched_getaffinity(0))
+    check_function(function, jobs, dask)
     started = time.perf_counter()
     folder = None if output is None else Place(os.fspath(output))
     files = _listed(sources, suffixes, folder)
@@ -178,7 +184,7 @@ def run(
             found = run_stored(
                 tasks,
                 store,
-                jobs or len(os.sched_getaffinity(0)),
+                jobs,
                 dask=dask,
                 progress=progress if callable(progress) else fraction_only(told),
                 describe=names.__getitem__,
@@ -335,6 +341,8 @@ def _key(identity: Sequence[Any]) -> str:
 
 def _asked(function: Work, options: Mapping[str, Any]) -> dict[str, Any]:
     """Return the part of the key that all rows of a run share: function and options."""
+    if not hasattr(function, "__qualname__"):  # for example a functools.partial
+        raise InputError(f"function: expected one with a name, got {function!r}")
     name = f"{function.__module__}:{function.__qualname__}"
     return {"function": name, "options": _json_of(options)}
 
