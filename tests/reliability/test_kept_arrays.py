@@ -15,7 +15,18 @@ from test_argument_kinds import recorded
 
 import kernels
 import manip3d
-from manip3d import Error, InputError, LidarFrame, authenticate, simplify
+from manip3d import (
+    Error,
+    InputError,
+    LidarFrame,
+    authenticate,
+    datasets,
+    experiments,
+    modify,
+    simplify,
+    simulate,
+)
+from manip3d.simulate.lidar import lasers
 
 
 def arrays_of(value: object, depth: int = 0) -> Iterator[NDArray[Any]]:
@@ -141,3 +152,36 @@ def test_a_closed_watermarker_embeds_nothing(tmp_path: Path) -> None:
             marker.embed(LidarFrame(kernels.on_grid))
         with pytest.raises(InputError, match="scan"):
             marker.embed(None)  # type: ignore[arg-type]
+
+
+def shared_arrays() -> dict[str, NDArray[Any]]:
+    """Arrays that the library computes once and returns to all callers."""
+    lattice = authenticate.kitti_lattice()
+    camera = simulate.BodySimulator(color="full").calibration.registration
+    assert camera is not None
+    textures = [surface.texture for surface in simulate.street(1).world.surfaces]
+    return {
+        **{f"kitti_lattice().{name}": getattr(lattice, name) for name in ("slope", "range_phase")},
+        **{f"lasers().{name}": column for name, column in vars(lasers()).items()},
+        "rotation": camera.rotation,
+        "translation": camera.translation,
+        **{f"texture {i}": texture for i, texture in enumerate(textures) if texture is not None},
+    }
+
+
+def test_nobody_can_change_what_all_callers_share() -> None:
+    """A what-if on the lattice of KITTI's scanner changed the verdicts of the whole process."""
+    shared = shared_arrays()
+    assert any(name.startswith("texture") for name in shared)
+    for name, array in shared.items():
+        with pytest.raises(ValueError, match="read-only"):
+            array[...] = 0
+        assert array.any(), name
+    mappings: list[Any] = [
+        modify.joint_layouts(),
+        datasets.registry(),
+        experiments.registry(),
+    ]
+    for mapping in mappings:
+        with pytest.raises(TypeError, match="does not support item assignment"):
+            mapping["mine"] = ()

@@ -56,6 +56,12 @@ def as_array(values: ArrayLike, name: str) -> NDArray[Any]:
     return array if array.dtype.isnative else array.astype(array.dtype.newbyteorder("="))
 
 
+def read_only(array: NDArray[_Scalar]) -> NDArray[_Scalar]:
+    """Return the array, which nobody can write any more, because all callers share it."""
+    array.flags.writeable = False
+    return array
+
+
 def _shaped(array: NDArray[Any], columns: int | None, name: str) -> NDArray[Any]:
     if array.size == 0:  # [] and np.empty((0, 3)) both mean no rows
         return array.reshape((0,) if columns is None else (0, columns))

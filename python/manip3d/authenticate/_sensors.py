@@ -12,8 +12,15 @@ from typing import TYPE_CHECKING, Literal, TypeAlias
 
 import numpy as np
 
+from manip3d._util.arrays import read_only
 from manip3d._util.checked import checked
-from manip3d.authenticate._lattice import LINE_TOLERANCE, LINES_APART, LatticeReading, SensorLattice
+from manip3d.authenticate._lattice import (
+    COLUMNS,
+    LINE_TOLERANCE,
+    LINES_APART,
+    LatticeReading,
+    SensorLattice,
+)
 from manip3d.authenticate._lattice_estimate import estimate_lattice
 from manip3d.authenticate._occlusion import estimate_grid
 from manip3d.authenticate._origin import MIN_EXPLAINED, estimate_origin
@@ -249,8 +256,14 @@ UNKNOWN = Sensor("unknown", "unknown", "the angles are those of no scanner that 
 
 @functools.cache
 def kitti_lattice() -> SensorLattice:
-    """Return the lattice of KITTI's HDL-64E, estimated from ten frames of drive 2011_09_26_0002."""
-    return SensorLattice.load(Path(__file__).with_name("kitti_hdl64e.json"))
+    """Return the lattice of KITTI's HDL-64E, estimated from ten frames of drive 2011_09_26_0002.
+
+    All calls return the same lattice, whose arrays are read-only.
+    """
+    lattice = SensorLattice.load(Path(__file__).with_name("kitti_hdl64e.json"))
+    for name in COLUMNS:
+        read_only(getattr(lattice, name))
+    return lattice
 
 
 def is_hdl64e(lattice: SensorLattice) -> bool:

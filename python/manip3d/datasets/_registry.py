@@ -12,6 +12,7 @@ from importlib.metadata import entry_points
 from pathlib import Path
 
 from manip3d._util.checked import checked
+from manip3d._util.mappings import ReadOnlyMapping
 from manip3d._util.paths import path_of
 from manip3d.errors import Error, InputError
 
@@ -118,7 +119,7 @@ def registry() -> Mapping[str, DataSet]:
         for data_set in _data_sets(group):
             if found.setdefault(data_set.name.casefold(), data_set) is not data_set:
                 raise InputError(f"data set {data_set.name!r} is registered twice")
-    return {data_set.name: data_set for data_set in found.values()}
+    return ReadOnlyMapping({data_set.name: data_set for data_set in found.values()})
 
 
 def _data_sets(group: object) -> Iterable[DataSet]:

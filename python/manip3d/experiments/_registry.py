@@ -9,6 +9,7 @@ from functools import cache
 from importlib.metadata import entry_points
 
 from manip3d._util.checked import checked
+from manip3d._util.mappings import ReadOnlyMapping
 from manip3d.errors import InputError
 from manip3d.experiments._model import Experiment
 
@@ -102,7 +103,7 @@ def registry() -> Mapping[str, Experiment]:
             )
         if found.setdefault(experiment.id, experiment) is not experiment:
             raise InputError(f"experiment {experiment.id!r} is registered twice")
-    return found
+    return ReadOnlyMapping(found)
 
 
 ALIASES = {"figure-7.9": "figure-7.10", "figure-7.11": "figure-7.12"}

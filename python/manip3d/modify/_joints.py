@@ -7,6 +7,7 @@ gives each of the 25 joints as a weighted sum of a tracker's joints.
 from __future__ import annotations
 
 import csv
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
@@ -16,6 +17,7 @@ import numpy as np
 
 from manip3d._util.arrays import rows
 from manip3d._util.checked import checked
+from manip3d._util.mappings import ReadOnlyMapping
 from manip3d.errors import InputError
 from manip3d.rgbd import INFERRED, JOINTS, NO_BODY, NOT_TRACKED, TRACKED, Skeleton
 
@@ -48,18 +50,18 @@ def _table(name: str) -> list[dict[str, str]]:
 
 
 @cache
-def joint_layouts() -> dict[str, tuple[str, ...]]:
+def joint_layouts() -> Mapping[str, tuple[str, ...]]:
     """Return the names of the joints of each tracker that `skeleton_from` knows, in its order.
 
     Returns
     -------
-    dict of str to tuple of str
+    mapping of str to tuple of str
         ``kinect-v2`` (25), ``kinect-v1`` (20), ``azure-kinect`` (32), ``mediapipe`` (33), ``coco``
         (17), ``openpose`` (its model BODY_25) and ``coco-wholebody`` (133). Left and right are the
         person's own.
     """
     others = {row["layout"]: tuple(row["joints"].split()) for row in _table("joint_layouts.csv")}
-    return {"kinect-v2": JOINTS} | others
+    return ReadOnlyMapping({"kinect-v2": JOINTS} | others)
 
 
 @cache

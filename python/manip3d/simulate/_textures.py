@@ -8,6 +8,7 @@ import functools
 import numpy as np
 from numpy.typing import NDArray
 
+from manip3d._util.arrays import read_only
 from manip3d.simulate._world import Surface
 
 Pixels = NDArray[np.uint8]
@@ -28,8 +29,8 @@ def noise(seed: int, slope: float) -> Field:
 
 
 def _pixels(brightness: Field) -> Pixels:
-    """Return the pixels of a brightness around 1."""
-    return np.asarray(np.clip(128.0 * brightness, 0, 255)).astype(np.uint8)
+    """Return the pixels of a brightness around 1, which all surfaces of a texture share."""
+    return read_only(np.clip(128.0 * brightness, 0, 255).astype(np.uint8))
 
 
 def _grid() -> tuple[Field, Field]:

@@ -22,6 +22,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from manip3d._util.arrays import read_only
 from manip3d._util.checked import checked
 from manip3d._util.options import generator_of
 from manip3d.errors import InputError
@@ -158,10 +159,10 @@ class Lasers:
 
 @functools.cache
 def lasers() -> Lasers:
-    """Calibration of KITTI's HDL-64E, measured on its clouds."""
+    """Calibration of KITTI's HDL-64E, measured on its clouds; its arrays are read-only."""
     text = importlib.resources.files("manip3d.simulate").joinpath("hdl64e_lasers.csv").read_text()
     table = np.array([[float(cell) for cell in row.split(",")] for row in text.split()[1:]])
-    return Lasers(*table.T[1:])
+    return Lasers(*read_only(table).T[1:])
 
 
 @checked

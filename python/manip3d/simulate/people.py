@@ -18,6 +18,7 @@ from typing import TypeAlias, overload
 import numpy as np
 from numpy.typing import NDArray
 
+from manip3d._util.arrays import read_only
 from manip3d._util.checked import checked
 from manip3d._util.linear import product
 from manip3d.camera import CAMERA_PRESETS, Intrinsics, Registration
@@ -69,6 +70,8 @@ DEPTH_CAMERA = CAMERA_PRESETS["kinect-v2"].cameras[0]
 COLOR_CAMERA = Registration(
     Intrinsics(1920, 1080, 1060.0, 1060.0, 959.5, 539.5), np.eye(3), np.array([0.052, 0.0, 0.0])
 )
+read_only(COLOR_CAMERA.rotation)
+read_only(COLOR_CAMERA.translation)
 """A Kinect V2's colour camera, 52 mm beside the depth camera."""
 
 FEET = 0.3048
