@@ -96,6 +96,32 @@ def test_coordinates_beyond_float32_are_refused_without_a_warning() -> None:
         LidarFrame(np.full((2, 3), 1e39))
 
 
+@pytest.mark.parametrize(
+    ("number", "is_exact"),
+    [
+        (np.int64(2**53), True),
+        (np.int64(2**53 + 1), False),
+        (np.int64(-(2**53) - 1), False),
+        (np.int64(2**60), True),
+        (np.int64(-(2**63)), True),
+        (np.int64(2**63 - 1), False),
+        (np.uint64(2**63), True),
+        (np.uint64(2**64 - 1), False),
+        (np.uint64(2**64 - 2**11), True),
+        (np.uint64(2**64 - 2**10), False),
+    ],
+)
+def test_integers_that_float64_rounds_are_refused(number: np.integer[Any], is_exact: bool) -> None:
+    """A Mesh promises that nothing is lost; these were rounded to the next float."""
+    vertices = np.zeros((3, 3), number.dtype)
+    vertices[1, 2] = number
+    if is_exact:
+        assert int(Mesh(vertices, [[0, 1, 2]]).vertices[1, 2]) == int(number)
+        return
+    with pytest.raises(InputError, match=f"vertices: expected .* float64 .* exactly, got {number}"):
+        Mesh(vertices, [[0, 1, 2]])
+
+
 def test_no_rows_may_be_selected() -> None:
     """An empty list has no integers."""
     assert SCAN.select([]).num_points == 0

@@ -71,6 +71,19 @@ def _shaped(array: NDArray[Any], columns: int | None, name: str) -> NDArray[Any]
     raise InputError(f"{name}: expected shape {expected}, got {array.shape}")
 
 
+def _refuse_rounding(whole: NDArray[Any], converted: NDArray[Any], name: str) -> None:
+    """Raise if float64 does not hold integers of 64 bits exactly."""
+    if not whole.size or (whole.min() >= -(2**53) and whole.max() <= 2**53):
+        return
+    # Converting back would be undefined for 2**64. float64 holds both halves of 32 bits exactly.
+    low = whole & 0xFFFFFFFF
+    is_rounded = converted - (whole - low).astype(np.float64) != low
+    if is_rounded.any():
+        raise InputError(
+            f"{name}: expected numbers that float64 holds exactly, got {whole[is_rounded][0]}"
+        )
+
+
 def rows(
     values: ArrayLike, columns: int | None, dtype: type[_Scalar], name: str
 ) -> NDArray[_Scalar]:
@@ -95,7 +108,10 @@ def rows(
                 f"got {array[~fits][0]}"
             )
     with np.errstate(over="ignore"):  # overflow gives infinity, which callers refuse if they must
-        return np.ascontiguousarray(array, dtype=dtype)
+        converted = np.ascontiguousarray(array, dtype=dtype)
+    if dtype is np.float64 and array.dtype in (np.int64, np.uint64):
+        _refuse_rounding(array, converted, name)
+    return converted
 
 
 def vector(values: ArrayLike, size: int, name: str) -> NDArray[np.float64]:
