@@ -195,6 +195,23 @@ class LidarFrame(Showable):
     num_dropped: int = 0
     file_rows: NDArray[np.int64] | None = None
 
+    if TYPE_CHECKING:  # arrays of other dtypes and lists are converted
+
+        def __init__(
+            self,
+            points: ArrayLike,
+            intensity: ArrayLike | None = ...,
+            time_ns: int | None = ...,
+            ring: ArrayLike | None = ...,
+            origin: ArrayLike | None = ...,
+            source: str = ...,
+            fields: Mapping[str, ArrayLike] = ...,
+            exact: ArrayLike | None = ...,
+            format: ScanFormat | None = ...,
+            num_dropped: int = ...,
+            file_rows: ArrayLike | None = ...,
+        ) -> None: ...
+
     def __post_init__(self) -> None:
         for name, kind, words in (
             ("source", str, "a text"),

@@ -18,7 +18,7 @@ from manip3d.errors import InputError
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from numpy.typing import NDArray
+    from numpy.typing import ArrayLike, NDArray
 
 __all__ = [
     "INFERRED",
@@ -87,6 +87,17 @@ class Skeleton:
     )
     id: int = 0
     body: int = NO_BODY
+
+    if TYPE_CHECKING:  # arrays of other dtypes and lists are converted
+
+        def __init__(
+            self,
+            positions: ArrayLike,
+            orientations: ArrayLike = ...,
+            states: ArrayLike = ...,
+            id: int = ...,
+            body: int = ...,
+        ) -> None: ...
 
     def __post_init__(self) -> None:
         columns = {"positions": 3, "orientations": 4, "states": None}

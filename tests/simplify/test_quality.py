@@ -1137,6 +1137,19 @@ def test_locked_vertices_stay_in_any_soup(method: Any, seed: int) -> None:
     assert result.mesh.num_faces < soup.num_faces // 2
 
 
+@pytest.mark.parametrize("method", [simplify.quality, simplify.fast, simplify.simplify])
+def test_locked_vertices_may_be_a_list(method: Any) -> None:
+    """``importance`` took one, ``locked`` had to be an array."""
+    ball = exact_models.ball(16)
+    locked = np.arange(ball.num_vertices) < 9
+    of_array, of_list = (
+        method(ball, target_faces=60, locked=given).mesh for given in (locked, locked.tolist())
+    )
+    np.testing.assert_array_equal(of_array.vertices, of_list.vertices)
+    with pytest.raises(InputError, match="locked: expected"):
+        method(ball, target_faces=60, locked=np.ma.masked_array(locked, locked))
+
+
 @pytest.mark.realdata
 @pytest.mark.parametrize("method", [simplify.quality, simplify.fast])
 def test_locked_vertices_stay_on_a_model_of_many_parts(method: Any, realdata: RealData) -> None:

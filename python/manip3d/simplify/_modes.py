@@ -13,8 +13,7 @@ from manip3d.simplify._quality import QualityResult, fast, quality
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    import numpy as np
-    from numpy.typing import ArrayLike, NDArray
+    from numpy.typing import ArrayLike
 
     from manip3d._util.options import Progress
     from manip3d.mesh import Mesh
@@ -46,7 +45,7 @@ def simplify(
     ratio: float | None = None,
     max_error: float | None = None,
     max_distance: float | None = None,
-    locked: NDArray[np.bool_] | None = None,
+    locked: ArrayLike | None = None,
     importance: ArrayLike | None = None,
     memory: int | None = None,
     color_weight: float | None = None,

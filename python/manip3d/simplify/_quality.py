@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from manip3d import _core
+from manip3d._util.arrays import as_array
 from manip3d._util.checked import checked
 from manip3d._util.options import reporting
 from manip3d._util.showing import Showable
@@ -122,11 +123,11 @@ def boundary_vertices(mesh: Mesh) -> NDArray[np.bool_]:
     return found
 
 
-def locked_of(mesh: Mesh, locked: NDArray[np.bool_] | None) -> NDArray[np.bool_] | None:
+def locked_of(mesh: Mesh, locked: ArrayLike | None) -> NDArray[np.bool_] | None:
     """One of each vertex."""
     if locked is None:
         return None
-    chosen = np.asarray(locked)
+    chosen = as_array(locked, "locked")
     if chosen.dtype != np.bool_ or chosen.shape != (mesh.num_vertices,):
         raise InputError(
             f"locked: expected bool of shape ({mesh.num_vertices},), got {chosen.dtype} of "
@@ -191,7 +192,7 @@ def quality(
     texture_weight: float = 0.2,
     texture_seen: bool | None = None,
     color_weight: float = 0.01,
-    locked: NDArray[np.bool_] | None = None,
+    locked: ArrayLike | None = None,
     importance: ArrayLike | None = None,
     progress: Progress = None,
 ) -> QualityResult:
@@ -331,7 +332,7 @@ def fast(
     boundary_weight: float = 1.0,
     seam_weight: float = 1.0,
     color_weight: float = 0.01,
-    locked: NDArray[np.bool_] | None = None,
+    locked: ArrayLike | None = None,
     threads: int = 0,
     progress: Progress = None,
 ) -> QualityResult:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from manip3d._util.arrays import as_array
 from manip3d._util.checked import checked
 from manip3d._util.options import shares, sharing
 from manip3d.errors import InputError
@@ -777,7 +778,7 @@ def _with_locks(
 def _with_locked(limits: Mapping[str, Any], corners: NDArray[np.bool_]) -> dict[str, Any]:
     """Return arguments of a method with these vertices added to the locked ones."""
     locked = limits.get("locked")
-    return {**limits, "locked": corners if locked is None else corners | np.asarray(locked)}
+    return {**limits, "locked": corners if locked is None else corners | as_array(locked, "locked")}
 
 
 def _importance_of(
