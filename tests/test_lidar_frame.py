@@ -73,6 +73,18 @@ def test_selection_takes_every_column() -> None:
         frame().select(np.array([True, False, True]))
 
 
+@pytest.mark.parametrize("dtype", [np.uint8, np.int8])
+def test_a_mask_of_bytes_is_no_list_of_rows(dtype: type[np.generic]) -> None:
+    """The frame had copies of its first two points: as many points as before, all of them wrong."""
+    mask = np.array([0, 1, 0, 1], dtype)
+    with pytest.raises(InputError, match=r"rows: expected a mask of dtype bool, got u?int8 0 or 1"):
+        frame().select(mask)
+    for rows in (mask.astype(np.int64), mask[:3], np.array([0, 1, 2, 1], dtype)):
+        np.testing.assert_array_equal(frame().select(rows).points, frame().points[rows])
+    two = LidarFrame(np.eye(3)[:2])
+    np.testing.assert_array_equal(two.select(mask[:2]).points, two.points)
+
+
 def test_new_points_have_zeros_beside_them() -> None:
     new = np.array([[3, 4, 5], [100, 100, 100], [0, 1, 2.5]], np.float32)
     made = frame().with_points(new, source_index=[1, -1, 0])

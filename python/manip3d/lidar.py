@@ -275,7 +275,8 @@ class LidarFrame(Showable):
         Raises
         ------
         InputError
-            A mask has another length; row numbers are no integers or out of range.
+            A mask has another length or is of 8-bit integers; row numbers are no integers or out
+            of range.
         """
         index = as_array(rows, "rows")
         count = self.num_points
@@ -286,6 +287,11 @@ class LidarFrame(Showable):
         if index.ndim != 1 or index.dtype.kind not in "biu":
             raise InputError(
                 f"rows: expected a mask or integers of shape (N,), got {index.dtype} {index.shape}"
+            )
+        if _is_mask_of_bytes(index, count):
+            raise InputError(
+                f"rows: expected a mask of dtype bool, got {index.dtype} 0 or 1 for each of the "
+                f"{count} points; give rows.astype(bool)"
             )
         if (
             index.dtype.kind in "iu"
@@ -382,6 +388,18 @@ class LidarFrame(Showable):
         if self.fields:
             parts.append(", ".join(self.fields))
         return f"<manip3d.LidarFrame: {'; '.join(parts)}>"
+
+
+def _is_mask_of_bytes(rows: NDArray[Any], count: int) -> bool:
+    """Return whether integers are surely a mask: as row numbers, most would repeat the rows 0, 1.
+
+    Other libraries write masks as 8-bit integers. Two numbers may be the rows of two points.
+    """
+    return (
+        rows.dtype in (np.int8, np.uint8)
+        and len(rows) == count > 2
+        and set(np.unique(rows).tolist()) <= {0, 1}
+    )
 
 
 def _points(values: ArrayLike, name: str) -> NDArray[np.float32]:
