@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import json
+import socket
 import time
 from collections.abc import Iterator
 from dataclasses import replace
@@ -64,6 +65,22 @@ def test_only_the_floor_is_drawn_before_the_first_picture(chromium: None, stage:
         colorful = main.max(axis=-1) - main.min(axis=-1) > 50
         assert colorful.sum() == 0
         assert (main.max(axis=-1) > 60).any()  # the lines of the floor
+
+
+def test_the_page_gets_pictures_at_an_ipv6_address(chromium: None) -> None:
+    try:
+        with socket.socket(socket.AF_INET6) as asked:
+            asked.bind(("::1", 0))
+    except OSError:
+        pytest.skip("this machine has no IPv6")
+    stage = Stage(iter([capsule_body.painted(0)]), host="::1")
+    try:
+        with _chromium.open_address(stage.server.new_url(), (800, 700)) as tab:
+            wait_for(lambda: stage.server.num_clients == 1)
+            stage.show(1)
+            assert tab.evaluate("manip3dLive.stats().frames") == 1
+    finally:
+        stage.server.stop()
 
 
 @pytest.mark.parametrize("limb", ["right_arm", "right_leg"])

@@ -55,7 +55,7 @@ def test_a_headset_on_the_network_is_served_encrypted() -> None:
         assert server.new_url().startswith(f"https://{host}:{server.port}/?token=")
         status, head, body = get(server, "/", {"Cookie": cookie(server)})
         assert (status, body) == (200, b"<p>here</p>")
-        assert f"connect-src wss://{host}:{server.port}/stream" in head
+        assert f"connect-src 'self' wss://{host}:{server.port}/stream" in head
         with RawStream(server) as stream:
             assert stream.status == 101
             end = time.monotonic() + 60.0

@@ -234,6 +234,12 @@ def test_other_paths_are_not_there(server: LocalServer, session: Session) -> Non
         assert get(server, path, given)[0] == 404
 
 
+def test_a_browser_that_asks_for_an_icon_is_not_counted_as_refused(server: LocalServer) -> None:
+    status, _, body = get(server, "/favicon.ico", {"Cookie": cookie(server)})
+    assert (status, body) == (204, b"")
+    assert not server.refused
+
+
 def test_too_many_requests() -> None:
     limits = Limits(requests_per_second=1.0, request_burst=3.0)
     with LocalServer(PAGES, acknowledge, limits=limits) as server:
@@ -516,6 +522,9 @@ def test_a_taken_port_is_named(server: LocalServer) -> None:
         ("192.168.1.2", "needs a certificate"),
         ("0.0.0.0", "address of one network interface"),
         ("::", "address of one network interface"),
+        ("fe80::1", "address that browsers can open"),
+        ("fe80::1%eth0", "address that browsers can open"),
+        ("::1%lo", "address that browsers can open"),
         ("example.org", "expected an address"),
         ("", "expected"),
     ],
@@ -593,6 +602,12 @@ def test_the_address_is_written_as_browsers_do() -> None:
     assert (server.host, server.origin) == ("::1", "http://[::1]:8000")
 
 
+def test_a_page_at_an_ipv6_address_may_open_its_stream() -> None:
+    """A policy cannot name such an address: browsers refuse ``ws://[::1]:8000``."""
+    policy = LocalServer(PAGES, acknowledge, host="::1")._headers()["Content-Security-Policy"]
+    assert "; connect-src 'self'; base-uri" in policy
+
+
 def test_a_page_may_be_a_file_that_is_written_later(tmp_path: Path) -> None:
     file = tmp_path / "clip.webm"
     pages = PAGES | {"/clip": Page("video/webm", file)}
@@ -668,7 +683,7 @@ def test_a_page_may_load_what_its_server_has_and_nothing_else() -> None:
 
     plain = policy()
     assert "default-src 'none'; script-src 'self'; style-src 'self'; img-src blob:; conn" in plain
-    assert "connect-src ws://" in plain
+    assert "connect-src 'self' ws://127.0.0.1:" in plain
     rich = policy("image/png", "video/webm", "model/gltf-binary")
     assert "img-src 'self' blob:; media-src 'self'; connect-src 'self' blob: ws://" in rich
     for wide in ("*", "unsafe", "data:", "https:"):

@@ -162,7 +162,10 @@ def kept_certificate(path: str | os.PathLike[str], host: str) -> Certificate:
 
 
 def address_of(host: str) -> ipaddress.IPv4Address | ipaddress.IPv6Address:
-    """The address of one machine; names and 0.0.0.0 are refused."""
+    """Return the address of one machine; names, 0.0.0.0 and link-local IPv6 are refused.
+
+    A link-local IPv6 address needs a zone (``fe80::1%eth0``), which addresses of pages cannot have.
+    """
     try:
         address = ipaddress.ip_address(host)
     except ValueError:
@@ -170,6 +173,11 @@ def address_of(host: str) -> ipaddress.IPv4Address | ipaddress.IPv6Address:
     if address.is_unspecified or address.is_multicast:
         raise InputError(
             f"host: expected the address of one network interface such as 192.168.1.20, got {host}"
+        )
+    if isinstance(address, ipaddress.IPv6Address) and (address.is_link_local or address.scope_id):
+        raise InputError(
+            f"host: expected an address that browsers can open, such as 192.168.1.20, got {host}, "
+            "which is valid on one network interface only"
         )
     return address
 

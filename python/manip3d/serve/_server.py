@@ -49,6 +49,7 @@ _MAX_REASON_BYTES = 200
 CODE_SECONDS = 120.0
 """Seconds for which a code of `LocalServer.new_code` is valid."""
 _CODE_ATTEMPTS = 5  # wrong codes, from all strangers together, after which a code is void
+_ICON = "/favicon.ico"  # browsers ask for it unless the page names an icon
 _MAX_CLOCK_SKEW_MS = 60_000.0  # a page whose clock is farther off is on another machine
 
 
@@ -549,6 +550,8 @@ class LocalServer:
             app.router.add_get(path, self._page, allow_head=False)
         app.router.add_get("/stream", self._stream, allow_head=False)
         app.router.add_get("/join", self._join, allow_head=False)
+        if _ICON not in self._pages:
+            app.router.add_get(_ICON, self._no_icon, allow_head=False)
         runner = web.AppRunner(
             app, access_log=None, logger=_request_log(self._refuse), handle_signals=False,
             lingering_time=1.0, shutdown_timeout=1.0,
@@ -641,16 +644,24 @@ class LocalServer:
             response.force_close()
         return response
 
+    async def _no_icon(self, request: web.Request) -> web.StreamResponse:
+        from aiohttp import web
+
+        return web.Response(status=204)
+
     def _headers(self) -> dict[str, str]:
-        stream = self.origin.replace("http", "ws", 1) + "/stream"
+        # 'self' includes the stream, except in Safari before 15.4. A policy cannot name an IPv6
+        # address.
+        is_ipv6 = ":" in self.host
+        stream = "" if is_ipv6 else " " + self.origin.replace("http", "ws", 1) + "/stream"
         kinds = {page.type.partition("/")[0] for page in self._pages.values()}
         images = "'self' blob:" if "image" in kinds else "blob:"
         videos = "media-src 'self'; " if "video" in kinds else ""
-        files = "'self' blob: " if "model" in kinds else ""
+        files = " blob:" if "model" in kinds else ""
         return {
             "Content-Security-Policy": (
                 f"default-src 'none'; script-src 'self'; style-src 'self'; img-src {images}; "
-                f"{videos}connect-src {files}{stream}; base-uri 'none'; "
+                f"{videos}connect-src 'self'{files}{stream}; base-uri 'none'; "
                 "form-action 'none'; frame-ancestors 'none'"
             ),
             "Cache-Control": "no-store",
