@@ -36,6 +36,7 @@ class Player:
         self.messages: list[str] = []
         self.sequences: list[int] = []
         self.latency_ms: list[float] = []
+        self.captured_ms = 0.0  # time of the last frame
         self.is_open = True
         self._acknowledges = acknowledges
         self._thread = threading.Thread(target=self._read, daemon=True)
@@ -72,14 +73,14 @@ class Player:
 
     def _take(self, content: bytes) -> None:
         sequence = int.from_bytes(content[8:12], "little")
-        captured_ms = int.from_bytes(content[24:32], "little") / 1e6
+        self.captured_ms = int.from_bytes(content[24:32], "little") / 1e6
         size = int.from_bytes(content[80:84], "little")
         self.status = json.loads(content[-size:])
         self.sequences.append(sequence)
         if self.messages[-1:] != [self.status["message"]]:
             self.messages.append(self.status["message"])
         now = time.time_ns() / 1e6
-        self.latency_ms.append(now - captured_ms)
+        self.latency_ms.append(now - self.captured_ms)
         del self.sequences[:-2000], self.latency_ms[:-2000], self.messages[:-200]
         if self._acknowledges:
             self.say("ack", sequence=sequence, decoded_ms=now)

@@ -255,6 +255,95 @@ def test_a_camera_without_a_body_tracker_is_shown_with_pose(
     assert set(without.states) == {"lost"}
 
 
+def test_a_source_without_colour_is_warned_about_once_with_pose(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    from manip3d.modify import PoseTracker
+
+    class Colorless(PulledCamera):
+        def read(self, timeout: float) -> RgbdFrame | None:
+            if self.number == 39:
+                raise KeyboardInterrupt
+            frame = super().read(timeout)
+            return None if frame is None else replace(frame, skeletons=(), color=None)
+
+    class Idle(PoseTracker):
+        def _start(self) -> Any:
+            return type("Model", (), {"reset": lambda _: None, "close": lambda _: None})()
+
+    monkeypatch.setattr(capture, "open_rgbd", lambda *_, **__: Colorless())
+    monkeypatch.setattr(_live, "PoseTracker", Idle)
+    with pytest.warns(UserWarning, match="no colour images, in which --pose") as told:
+        report = run_live("openni2:", affected="right_arm", pose=True)
+    assert len(told) == 1
+    assert report.frames == 39
+
+
+class Delayed(Player):
+    """A page on which each frame is decoded a fixed time after it was captured."""
+
+    def __init__(self, url: str, delay_ms: float, **options: Any) -> None:
+        self.delay_ms = delay_ms
+        super().__init__(url, **options)
+
+    def say(self, name: str, **fields: Any) -> None:
+        if name == "ack":
+            fields["decoded_ms"] = self.captured_ms + self.delay_ms
+        super().say(name, **fields)
+
+
+def test_the_diary_has_the_latency_of_the_page_that_started_the_game(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """A second screen that is slow, for example a therapist's, does not count."""
+    pytest.importorskip("sqlalchemy", reason="the extra 'diary' is not installed")
+    from manip3d.diary import Diary
+
+    path = tmp_path / "study.diary"
+    with Diary(path, create=True) as diary:
+        diary.enrol("P01", limb="right_arm")
+    is_over = threading.Event()
+    pages: list[Player] = []
+
+    class Camera(PulledCamera):
+        def start(self) -> None:
+            pass
+
+        def read(self, timeout: float) -> RgbdFrame | None:
+            if is_over.is_set():
+                raise KeyboardInterrupt
+            time.sleep(0.02)
+            self.number += 1
+            frame = capsule_body.painted(self.number % 40)
+            return replace(frame, time_ns=self.number * 33_333_333, number=self.number)
+
+    def play(url: str) -> None:
+        try:
+            patient = Delayed(url, 40.0)
+            patient.wait(lambda s: len(patient.sequences) > 3)
+            therapist = Delayed(url, 4000.0, cookie=patient.stream.cookie)
+            pages.extend((patient, therapist))
+            therapist.wait(lambda s: len(therapist.sequences) > 3)
+            patient.say("pain", value=2)
+            patient.say("ready")
+            patient.wait(lambda s: s["game"]["phase"] == "playing")
+            patient.say("stop")
+            patient.wait(lambda s: s["game"]["phase"] == "over")
+        finally:
+            is_over.set()
+
+    def on_start(url: str, made: object) -> None:
+        threading.Thread(target=play, args=(url,), daemon=True).start()
+
+    monkeypatch.setattr(capture, "open_rgbd", lambda *_, **__: Camera())
+    run_live("openni2:", affected="right_arm", diary=path, participant="P01", on_start=on_start)
+    for page in pages:
+        page.close()
+    with Diary(path) as diary:
+        (game,) = diary.sessions("P01")[0].games
+        assert game.latency_ms == pytest.approx(40.0, abs=0.1)
+
+
 def test_a_headset_has_an_address_of_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(capture, "open_rgbd", lambda *_, **__: PulledCamera())
     printed: list[str] = []

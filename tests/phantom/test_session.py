@@ -303,6 +303,29 @@ def test_starting_waits_for_a_phantom_limb() -> None:
     assert phases[first] == "playing"
 
 
+@pytest.mark.parametrize(
+    ("has_color", "reason", "message"),
+    [
+        (True, "no_person", "The patient is not in view."),
+        (False, "no_skeleton",
+         "The source has no colour images, in which --pose would find the joints."),
+    ],
+)  # fmt: skip
+def test_nobody_in_view_is_no_reason_to_advise_what_is_in_use(
+    has_color: bool, reason: str, message: str
+) -> None:
+    nobody = [replace(capsule_body.painted(n), skeletons=()) for n in range(40)]
+    colors = [np.zeros((*frame.depth.shape, 3), np.uint8) for frame in nobody]
+    colors[-1] = None  # one picture without colour says nothing about the source
+    if not has_color:
+        colors = [None] * len(nobody)
+    frames = [replace(f, color=color) for f, color in zip(nobody, colors, strict=True)]
+    last = play(LiveSession(pose=True), frames)[-1].status
+    assert (last["reason"], last["message"]) == (reason, message)
+    without = play(LiveSession(), frames)[-1].status["message"]
+    assert without == "There is no skeleton in this source: use --pose."
+
+
 def test_a_choice_holds_for_the_next_game() -> None:
     session = LiveSession("right_arm")
     session.command("choose", {"game": "bubbles-legs", "difficulty": 3})

@@ -105,7 +105,8 @@ class DiaryGame:
     version : str
         Version of this program.
     latency_ms : float or None
-        95th percentile of the time from a frame's arrival to its decoding in the page.
+        95th percentile of the time from a frame's arrival to its decoding in the page that started
+        the game; other screens do not count.
     tracked : float or None
         Share of the frames in which the phantom limb was tracked.
     number : int

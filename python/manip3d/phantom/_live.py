@@ -8,12 +8,14 @@ import json
 import math
 import os
 import time
+import warnings
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 from urllib.parse import parse_qs, urlsplit
 
+from manip3d._util.callers import caller_level
 from manip3d._util.checked import checked
 from manip3d._util.extras import require
 from manip3d.errors import DeviceError, FormatError, InputError
@@ -24,7 +26,7 @@ from manip3d.phantom._log import SessionLog
 from manip3d.phantom._messages import LIMBS, MESSAGES
 from manip3d.phantom._page import live_pages
 from manip3d.phantom._recorder import GameSummary
-from manip3d.phantom._session import LiveSession
+from manip3d.phantom._session import NO_COLOR, LiveSession
 from manip3d.phantom.games import GAMES
 from manip3d.serve import (
     Certificate,
@@ -47,6 +49,7 @@ __all__ = ["LiveReport", "run_live", "simulated_patient"]
 
 _ENDLESS = 1 << 31  # number of frames of a simulated person, more than any session has
 _MAX_UNREAD = 100  # number of consecutive unreadable frames after which a recording is given up
+_FRAMES_WITHOUT_COLOR = 10  # number after which a source counts as one without colour
 _AGAIN_S = 1.0  # seconds between attempts to open a camera that was disconnected
 
 
@@ -190,7 +193,7 @@ def run_live(
         Virtual enhancement, see `LiveSession`; the page can change it.
     pose : bool
         Find the person's joints in the colour images with `manip3d.modify.PoseTracker`, for cameras
-        and recordings without skeletons.
+        and recordings without skeletons. A source without colour images is warned about.
     camera, units_per_metre, rate
         As for `manip3d.capture.open_rgbd`, for a folder of images without calibration or times.
     diary, participant, diary_key : path, str, path, optional
@@ -260,10 +263,13 @@ def run_live(
             jpeg_quality=jpeg_quality,
             gain=gain,
             recorder=recorder,
+            pose=pose,
         )
+        played = _PlayedPage()
 
         def on_message(client: StreamClient, text: str) -> None:
-            hear(session, client, text, lambda: server.new_code())
+            if hear(session, client, text, lambda: server.new_code()) == "ready":
+                played.note(client)
 
         tracker = PoseTracker() if pose else None
         if tracker is not None:
@@ -280,7 +286,7 @@ def run_live(
         show = _Show(session, server, tracker, began)
         with written as journal, server:
             if recorder is not None:
-                session.halt(recorder.start(lambda: _latency(server)))
+                session.halt(recorder.start(played.latency))
             try:
                 _announce(server, on_start, open_page)
                 show.run(feed, end, journal)
@@ -327,6 +333,8 @@ class _Show:
     frames: int = 0
     first_frame_s: float | None = None
     states: dict[str, int] = field(default_factory=dict)
+    _has_color: bool = False
+    _without_color: int = 0
 
     def run(self, feed: Iterator[_Found], end: float, journal: SessionLog) -> None:
         """Show frames until the source ends, or the time ``end`` of `time.monotonic` has come."""
@@ -362,9 +370,20 @@ class _Show:
     def _message(self, found: RgbdFrame | str, captured_ns: int) -> bytes | None:
         if isinstance(found, str):
             return self.session.notice(found)
-        if self.tracker is not None and found.color is not None:
-            found = self.tracker.annotate(found)
+        if self.tracker is not None:
+            self._check_color(found)
+            if found.color is not None:
+                found = self.tracker.annotate(found)
         return self.session.process(found, captured_ns=captured_ns)
+
+    def _check_color(self, frame: RgbdFrame) -> None:
+        """Warn once that the joints cannot be found if no frame so far had a colour image."""
+        if frame.color is not None:
+            self._has_color = True
+        elif not self._has_color:
+            self._without_color += 1
+            if self._without_color == _FRAMES_WITHOUT_COLOR:
+                warnings.warn(NO_COLOR, stacklevel=caller_level())
 
     def report(self, limb: str, unkept: Iterable[str], journal: SessionLog) -> LiveReport:
         """Return the counts of a session that is over."""
@@ -383,10 +402,20 @@ class _Show:
         )
 
 
-def _latency(server: LocalServer) -> float | None:
-    """Return the latency (95 %, milliseconds) of the client that connected last."""
-    known = (client["latency_ms"] for client in reversed(server.report()))
-    return next((round(float(times[1]), 1) for times in known if times), None)
+class _PlayedPage:
+    """The page on which the patient plays: the one that started the last game."""
+
+    def __init__(self) -> None:
+        self._client: StreamClient | None = None
+
+    def note(self, client: StreamClient) -> None:
+        """Note that a client has started a game."""
+        self._client = client
+
+    def latency(self) -> float | None:
+        """Return the latency (95 %, milliseconds) of this page; None if it is not known."""
+        times = None if self._client is None else self._client.report()["latency_ms"]
+        return None if times is None else round(float(times[1]), 1)
 
 
 def _certificate(host: str, path: str | os.PathLike[str] | None) -> Certificate | None:
@@ -399,10 +428,10 @@ def _certificate(host: str, path: str | os.PathLike[str] | None) -> Certificate 
     return None if is_here else make_certificate(host)
 
 
-def hear(
-    session: LiveSession, client: StreamClient, text: str, new_code: Callable[[], str]
-) -> None:
-    """Handle a message of a page; all messages but those about the connection go to the session.
+def hear(session: LiveSession, client: StreamClient, text: str, new_code: Callable[[], str]) -> str:
+    """Handle a message of a page and return its name.
+
+    All messages but those about the connection go to the session.
 
     ``new_code`` makes a code that admits another screen. A message with a ``number`` must not be
     lost: it is answered at once (``taken``) and when it is written to the diary (``heard``). Until
@@ -427,6 +456,7 @@ def hear(
         session.command(name, fields, done=answer if "number" in fields else None)
         if "number" in fields:  # the message has arrived, even if writing it takes long
             client.say(json.dumps({"taken": fields["number"]}))
+    return name
 
 
 def _frames(

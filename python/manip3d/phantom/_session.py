@@ -13,7 +13,14 @@ import numpy as np
 from manip3d._util.checked import checked
 from manip3d._util.times import NOMINAL_PERIOD_NS
 from manip3d.errors import InputError
-from manip3d.modify import ColliderTracker, Limb, PhantomPipeline, PhantomState, repose
+from manip3d.modify import (
+    ColliderTracker,
+    Limb,
+    PhantomPipeline,
+    PhantomReason,
+    PhantomState,
+    repose,
+)
 from manip3d.phantom._felt import LIMITS, FeltLimb, felt_places
 from manip3d.phantom._level import Level
 from manip3d.phantom._messages import MAX_GAIN, MESSAGES, NOT_LOST, Inbox
@@ -30,6 +37,7 @@ if TYPE_CHECKING:
     from manip3d.modify import BodyColliders, PhantomFrame
 
 _ENHANCED = {"arm": ("Shoulder", "Elbow"), "leg": ("Hip", "Knee", "Ankle")}
+NO_COLOR = "The source has no colour images, in which --pose would find the joints."
 _PEOPLE = 64  # number of people whose numbers are remembered
 _FRAMES = 90  # number of frames over which times of stages are averaged
 
@@ -64,6 +72,9 @@ class LiveSession:
         rest of the joints of both arms or both legs.
     recorder : Recorder, optional
         Receiver of games, ratings of pain and reports of sickness.
+    pose : bool
+        The joints of the frames are found in their colour images, as `PoseTracker` does. If there
+        are none, the page then says that nobody is in view, or that there is no colour.
 
     Attributes
     ----------
@@ -88,6 +99,7 @@ class LiveSession:
         jpeg_quality: int = 80,
         gain: float = 1.0,
         recorder: Recorder | None = None,
+        pose: bool = False,
     ) -> None:
         game_key = game or _game_for(affected)
         if game_key not in GAMES:
@@ -104,6 +116,8 @@ class LiveSession:
         self.affected = str(affected)
         self.state = "lost"
         self._recorder = recorder
+        self._finds_joints = pose
+        self._has_color = False  # whether any frame so far had a colour image
         self._inbox = Inbox()
         self._sitting = Sitting(recorder)
         self._play = Play((game_key, int(difficulty)), seed, self.affected, float(gain), recorder)
@@ -245,6 +259,9 @@ class LiveSession:
         captured = time.time_ns() if captured_ns is None else int(captured_ns)
         began = time.perf_counter()
         shown = self._pipeline.process(frame)
+        self._has_color = self._has_color or frame.color is not None
+        if self._finds_joints and self._has_color:
+            shown = _without_advice_to_find_joints(shown)
         seen = time.perf_counter()
         shown = self._enhanced(shown)
         if shown.state == PhantomState.LATE:
@@ -494,10 +511,12 @@ class LiveSession:
                 "axes": rounded(colliders.torso_axes.T),
                 "half": rounded(colliders.torso_half_size),
             }
+        lacks_color = self._finds_joints and shown.reason == PhantomReason.NO_SKELETON
+        message = NO_COLOR if lacks_color else shown.message
         return {
             "state": shown.state.value,
             "reason": shown.reason.value,
-            "message": self._told(shown.message, self._play.advice),
+            "message": self._told(message, self._play.advice),
             "visible": round(shown.visible, 3),
             "score": round(min(shown.quality.score, 1e6), 3),
             "joints": rounded(skeleton.positions),
@@ -585,6 +604,13 @@ def _seen_joint(names: Sequence[str], side: str, skeleton: Skeleton) -> str:
     """
     seen = [n for n in names if skeleton.states[JOINTS.index(n + side.title())] != NOT_TRACKED]
     return seen[-1] if seen else names[0]
+
+
+def _without_advice_to_find_joints(shown: PhantomFrame) -> PhantomFrame:
+    """Return the frame of a person whose joints were looked for: no skeleton means nobody."""
+    if shown.reason != PhantomReason.NO_SKELETON:
+        return shown
+    return replace(shown, reason=PhantomReason.NO_PERSON)
 
 
 def _game_for(limb: str) -> str:
