@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import json
 import os
 import random
@@ -787,9 +788,10 @@ def test_files_that_are_none(tmp_path: Path) -> None:
     for name in ("text", "other", "empty"):
         with pytest.raises(FormatError, match="expected a diary"):
             Diary(tmp_path / name)
-    for name in ("text", "other"):
+    for name in ("text", "other", "empty"):
         with pytest.raises(FormatError, match="expected a diary"):
             Diary(tmp_path / name, create=True)
+    assert (tmp_path / "empty").stat().st_size == 0
     assert (tmp_path / "other").read_bytes() == before
     with pytest.raises(FileNotFoundError):
         Diary(tmp_path / "absent")
@@ -802,6 +804,45 @@ def test_files_that_are_none(tmp_path: Path) -> None:
         raw.execute("PRAGMA user_version = 99")
     with pytest.raises(FormatError, match="of version 7 at most, got 99"):
         Diary(tmp_path / "later")
+
+
+@pytest.mark.parametrize("has_links", [True, False])
+def test_an_empty_file_is_not_taken_for_a_new_diary(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, has_links: bool
+) -> None:
+    """An empty file may stand in the place of a diary that was moved."""
+
+    def refuse(*_: object) -> None:
+        raise PermissionError(errno.EPERM, "no hard links here")
+
+    if not has_links:
+        monkeypatch.setattr(os, "link", refuse)
+    path = tmp_path / "study.diary"
+    path.touch()
+    for create in (False, True):
+        with pytest.raises(FormatError, match="got an empty file: put the diary back in its place"):
+            Diary(path, create=create)
+    path.unlink()
+    with Diary(path, create=True) as diary:
+        diary.enrol("P01")
+
+
+def test_a_diary_that_is_moved_away_is_asked_for_and_not_replaced(tmp_path: Path) -> None:
+    path, moved = tmp_path / "study.diary", tmp_path / "moved.diary"
+    with Diary(path, create=True) as diary:
+        diary.enrol("P01", clips=True)
+        path.rename(moved)
+        for write in (
+            lambda: diary.start_session("P01"),
+            lambda: diary.set_consent("P01", clips=False),
+        ):
+            with pytest.raises(OSError, match=f"the diary is no longer at {path}; put it back"):
+                write()
+        assert [each.name for each in tmp_path.iterdir()] == [moved.name]
+        moved.rename(path)
+        diary.start_session("P01")
+    with Diary(path) as diary:
+        assert len(diary.sessions("P01")) == 1
 
 
 @pytest.mark.parametrize("part", ["tables", "page", "payload"])

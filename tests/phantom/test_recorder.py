@@ -101,6 +101,20 @@ def test_nobody_waits_for_a_locked_diary_and_all_is_kept_afterwards(path: Path) 
         assert len(diary.clips("P01")) == 1
 
 
+def test_what_is_said_while_the_diary_is_moved_away_is_kept_when_it_is_back(path: Path) -> None:
+    recorder = DiaryRecorder(path, "P01", None)
+    recorder.start()
+    moved = path.with_name("moved.diary")
+    path.rename(moved)
+    recorder.pain(3)
+    wait_for(lambda: recorder.trouble != "")
+    assert f"1 entry (the diary is no longer at {path}; put it back)" in recorder.trouble
+    moved.rename(path)
+    assert recorder.end() == []
+    with Diary(path) as diary:
+        assert [rating.pain for rating in diary.ratings("P01")] == [3]
+
+
 FELT = {"length": 60, "telescoping": 10, "raised": 0, "bent": 20}
 
 

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import functools
 import os
 import sqlite3
 import uuid
 from collections.abc import Iterator
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
+from urllib.parse import quote
 
 import sqlalchemy as sql
 
@@ -45,11 +48,9 @@ class DiaryFile:
             _make(path, key)
         self._check_file(create)
         self.engine = sql.create_engine(
-            # Use an absolute path, because `:memory:` is an in-memory database to SQLite, and a
-            # path that begins with `file:` is an address to SQLAlchemy.
-            sql.URL.create("sqlite", database=os.path.abspath(path)),
+            "sqlite://",
+            creator=functools.partial(connect, Path(os.path.abspath(path)), timeout=_BUSY_S),
             poolclass=sql.pool.NullPool,
-            connect_args={"timeout": _BUSY_S},
         )
         sql.event.listen(self.engine, "connect", self._on_connect)
         sql.event.listen(self.engine, "begin", _on_begin)
@@ -110,18 +111,13 @@ class DiaryFile:
 
     def _check_file(self, create: bool) -> None:
         """Refuse files that are no diary or of a later version; make a new file if allowed."""
-        if create:
-            with contextlib.suppress(FileExistsError):
-                os.close(os.open(self.path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600))
+        is_new = create and _make_empty(self.path)
         if not self.path.is_file():
             if self.path.exists():
                 raise FormatError("expected a regular file", file=str(self.path))
             raise FileNotFoundError(2, "No such file or directory", str(self.path))
         try:
-            # Use an absolute path, because `:memory:` is an in-memory database.
-            with contextlib.closing(
-                sqlite3.connect(os.path.abspath(self.path), timeout=_BUSY_S)
-            ) as plain:
+            with contextlib.closing(connect(self.path, timeout=_BUSY_S)) as plain:
                 mark, version = (
                     int(plain.execute(f"PRAGMA {name}").fetchone()[0])
                     for name in ("application_id", "user_version")
@@ -136,9 +132,15 @@ class DiaryFile:
                 f"the diary is damaged: {error}; 'manip3d diary rescue' copies what can be read",
                 file=str(self.path),
             ) from error
-        # A file without tables is new, or its program was killed before it had made the diary.
-        if create and holds == 0 and mark == 0:
-            return
+        if holds == 0 and mark == 0:
+            if is_new:
+                return
+            # It may stand in the place of a diary that was moved, so that no new one is made here.
+            raise FormatError(
+                "expected a diary, got an empty file: put the diary back in its place, or delete "
+                "the file to begin a new diary",
+                file=str(self.path),
+            )
         if mark != schema.APPLICATION:
             raise FormatError("expected a diary, got another file", file=str(self.path))
         if version > schema.VERSION:
@@ -231,12 +233,33 @@ class DiaryFile:
             raise self._told(context.original_exception) from context.original_exception
 
     def _told(self, error: sqlite3.DatabaseError) -> Exception:
-        """Return an OSError for a full disk, a lock or a read-only file, or else a FormatError."""
+        """Return an OSError for a full disk, a lock or a missing file, or else a FormatError."""
+        if not self.path.exists():
+            return OSError(f"the diary is no longer at {self._told_as}; put it back")
         # Python's own error about text that is not UTF-8 has no code of SQLite: it is damage.
         is_of_sqlite = hasattr(error, "sqlite_errorcode")
         if is_of_sqlite and isinstance(error, sqlite3.OperationalError):
             return OSError(f"{self._told_as}: {words_of(error, self.path)}")
         return FormatError(f"the diary is damaged: {error}", file=str(self.path))
+
+
+def connect(path: Path, mode: str = "rw", **options: Any) -> sqlite3.Connection:
+    """Connect to an existing file; by default SQLite would make an empty one if it is missing.
+
+    The address is that of an absolute path, because `:memory:` is an in-memory database.
+    """
+    address = f"file:{quote(os.fsencode(os.path.abspath(path)))}?mode={mode}"
+    connection: sqlite3.Connection = sqlite3.connect(address, uri=True, **options)
+    return connection
+
+
+def _make_empty(path: Path) -> bool:
+    """Make an empty file; return False if there is a file already."""
+    try:
+        os.close(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600))
+    except FileExistsError:
+        return False
+    return True
 
 
 def _make(path: Path, key: bytes | None) -> None:

@@ -12,12 +12,11 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
-from urllib.parse import quote
 
 from manip3d._util.checked import checked
 from manip3d._util.paths import path_of
 from manip3d.diary import _schema as schema
-from manip3d.diary._file import words_of
+from manip3d.diary._file import connect, words_of
 from manip3d.diary._rows import check_payload, read_participant
 from manip3d.diary._sealing import check_key, require_key_material
 from manip3d.errors import FormatError, InputError
@@ -212,8 +211,7 @@ def _stamp(path: Path) -> tuple[int, int, int]:
 
 
 def _connected(path: Path, mode: str) -> contextlib.closing[sqlite3.Connection]:
-    where = f"file:{quote(os.fsencode(os.path.abspath(path)))}?mode={mode}"
-    return contextlib.closing(sqlite3.connect(where, uri=True, isolation_level=None))
+    return contextlib.closing(connect(path, mode, isolation_level=None))
 
 
 def _raise_if_busy(error: Exception, source: Path) -> None:
