@@ -347,6 +347,31 @@ def test_stomping_on_the_key_plays_its_note() -> None:
     assert (state.score, state.misses, state.targets) == (1, 0, ())
 
 
+@pytest.mark.parametrize(("size", "radius"), [(1.0, 0.11), (1.2, 0.11), (0.62, 0.0693)])
+def test_a_foot_on_the_key_beside_it_plays_nothing_whatever_the_size_of_the_player(
+    size: float, radius: float
+) -> None:
+    body = Skeleton(PLAYER.positions * np.float32(size), states=PLAYER.states)
+    state = begin("piano", body, difficulty=3)
+    assert state is not None
+    state = step(state, 0.0, no_touch, body)
+    assert isinstance(state.field, PianoField)
+    assert state.radius == pytest.approx(radius, abs=1e-4)
+    (key,) = state.targets
+    others = [place for side, place in keys_of(state.field) if side == key.side]
+    others.remove(key.place)
+    nearest = min(others, key=lambda place: abs(place[0] - key.place[0]))
+    notes = []
+    for place in (nearest, key.place):
+        for height in (0.15, 0.02):
+            positions = body.positions.copy()
+            foot = place[0], state.field.floor - height, place[2]
+            positions[JOINTS.index(f"Foot{key.side.title()}")] = foot
+            state = step(state, 1 / RATE, no_touch, Skeleton(positions, states=body.states))
+        notes.append([event.kind for event in state.events])
+    assert notes == [[], ["note"]]
+
+
 def test_a_foot_that_rests_on_the_key_plays_nothing() -> None:
     state = step(started("piano"), 0.0, no_touch, player())
     for _ in range(5 * RATE):

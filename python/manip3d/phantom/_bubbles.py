@@ -38,7 +38,7 @@ def can_reach_bubble(state: GameState) -> bool:
     """Return whether a bubble is within the limb's length of the shoulder or knee of its side."""
     field = state.field
     assert isinstance(field, ArmField)
-    reach = field.reach + state.game.radius
+    reach = field.reach + state.radius
     return any(
         norm(np.subtract(target.place, field.roots[SIDES.index(target.side)])) <= reach
         for target in state.targets
@@ -50,7 +50,7 @@ def _touched(state: GameState, way: float, touch: Touch) -> GameState:
     targets = state.targets
     before = np.array([t.place for t in targets], np.float32).reshape(-1, 3)
     after = before + np.float32(way) * _UP.astype(np.float32)
-    bones = touch(before, after, np.full(len(targets), state.game.radius, np.float32))
+    bones = touch(before, after, np.full(len(targets), state.radius, np.float32))
     assert isinstance(state.field, ArmField)
     ceiling = state.field.lefts[0][1] - state.field.rise
     left, events, by_bone = [], [], dict(state.by_bone)

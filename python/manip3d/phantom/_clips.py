@@ -101,7 +101,7 @@ def picture(
     places = level.in_camera(targets)
     for (u, v), (_, _, depth) in zip(camera.project(places), places, strict=True):
         if np.isfinite(u) and depth > 0:
-            radius = max(2.0, game.game.radius * abs(camera.fx) / depth)
+            radius = max(2.0, game.radius * abs(camera.fx) / depth)
             pen.ellipse((u - radius, v - radius, u + radius, v + radius), outline=(255, 220, 90))
     scale = _EDGE / max(drawn.size)
     if scale < 1:

@@ -26,6 +26,7 @@ from manip3d.phantom._state import (
 )
 from manip3d.rgbd import JOINTS, Skeleton
 
+_KEY = 0.28  # radius of a key as a share of the shank; keys are 0.4 apart
 _DOWN_M = 0.04  # metres above the floor up to which a foot counts as down
 _LEVEL_M = 0.01  # metres; keys do not follow smaller changes of the floor
 _REST_S = 0.6  # seconds between one key and the next
@@ -50,7 +51,7 @@ def piano_field(
     for foot, sign in zip(feet, (1.0, -1.0), strict=True):
         keys = [foot + sign * share * shank * lateral for share in game.reaches[difficulty - 1]]
         sides.append(tuple((float(key[0]), ground, float(key[2])) for key in keys))
-    return PianoField(sides[0], sides[1], ground)
+    return PianoField(sides[0], sides[1], ground, min(game.radius, _KEY * shank))
 
 
 def on_floor(state: GameState, floor: float | None) -> GameState:
@@ -65,7 +66,9 @@ def on_floor(state: GameState, floor: float | None) -> GameState:
 
     lefts, rights = (tuple(map(moved, places)) for places in (field.lefts, field.rights))
     targets = tuple(replace(target, place=moved(target.place)) for target in state.targets)
-    return replace(state, field=PianoField(lefts, rights, floor), targets=targets)
+    return replace(
+        state, field=replace(field, lefts=lefts, rights=rights, floor=floor), targets=targets
+    )
 
 
 def play_piano(
@@ -78,7 +81,7 @@ def play_piano(
     for side, place in stomps:
         for target in targets:
             off = math.hypot(place[0] - target.place[0], place[2] - target.place[2])
-            if off > state.game.radius:
+            if off > state.radius:
                 continue
             bone = JOINTS.index(f"Foot{side.title()}")
             by_bone[bone] = by_bone.get(bone, 0) + 1

@@ -220,7 +220,7 @@ class Play:
             "score": game.score,
             "misses": game.misses,
             "by_phantom": self._by_phantom(game),
-            "radius": game.game.radius,
+            "radius": game.radius,
             **_field_status(game),
             "targets": [[t.number, *rounded(t.place)] for t in game.targets],
             "stains": [rounded(place) for place in game.stains],

@@ -59,7 +59,7 @@ class Game:
         Smallest movement of a foot that counts: degrees at the ankle for the pedals, more where the
         tracker is noisy; metres above the floor for the piano.
     radius : float, metres
-        Radius of a target.
+        Radius of a target; of the piano, the largest radius of a key (`PianoField.radius`).
     seconds : float
         Time limit.
     most_misses : int
@@ -185,11 +185,15 @@ class PianoField:
         Keys that the left and the right foot reach, from the middle outwards.
     floor : float
         The y coordinate of the joint of a foot that stands on the floor, metres.
+    radius : float, metres
+        Distance from the centre of a key within which a foot plays it: `Game.radius`, and less for
+        a shank shorter than 0.39 m, because the keys are closer together.
     """
 
     lefts: tuple[Point, ...]
     rights: tuple[Point, ...]
     floor: float
+    radius: float
 
 
 @dataclass(frozen=True)
@@ -302,6 +306,11 @@ class GameState:
     def speed(self) -> float:
         """Speed of a target, metres per second."""
         return self.game.speeds[self.difficulty - 1]
+
+    @property
+    def radius(self) -> float:
+        """Radius of a target, metres."""
+        return self.field.radius if isinstance(self.field, PianoField) else self.game.radius
 
 
 def forget_feet(state: GameState) -> GameState:

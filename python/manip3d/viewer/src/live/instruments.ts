@@ -3,7 +3,7 @@
 import * as THREE from "three";
 import type { GameStatus } from "./frame";
 
-const KEY = { wide: 0.14, high: 0.03, long: 0.3 };
+const KEY = { wide: 0.14, high: 0.03, long: 0.3, radius: 0.11 }; // metres, of an adult's keys
 const SIDES = ["#38b6ff", "#ff7ab8"]; // colours of the balls: left, right
 
 function matt(color: string, more: object = {}): THREE.MeshStandardMaterial {
@@ -18,7 +18,8 @@ export class Piano {
   private idle = matt("#e8e9ec");
   private lit = matt("#ffb000", { emissive: "#ff9500", emissiveIntensity: 0.9 });
 
-  show({ keys: places = [], up = -1 }: GameStatus): void {
+  show({ keys: places = [], up = -1, radius = KEY.radius }: GameStatus): void {
+    const size = radius / KEY.radius;
     while (this.keys.length > places.length) this.root.remove(this.keys.pop() as THREE.Mesh);
     while (this.keys.length < places.length) {
       const made = new THREE.Mesh(this.box, this.idle);
@@ -29,7 +30,7 @@ export class Piano {
       const key = this.keys[which];
       const isUp = which === up;
       key.material = isUp ? this.lit : this.idle;
-      key.scale.y = isUp ? 2.5 : 1;
+      key.scale.set(size, isUp ? 2.5 : 1, size);
       key.position.set(x, y + 0.06 - (isUp ? 0.02 : 0), z - 0.04); // under the sole
     });
   }
