@@ -162,6 +162,17 @@ def test_lists_of_stimuli_are_read_strictly(
         read_study(template(tmp_path, "any"))
 
 
+def test_a_list_of_stimuli_may_be_saved_by_a_spreadsheet(tmp_path: Path) -> None:
+    folder = folder_of(tmp_path / "stimuli", [("real", "depth", "image", "full", "", "0")] * 3)
+    study, _ = read_study(template(tmp_path, "any"))
+    listed = folder / "stimuli.csv"
+    listed.write_text(listed.read_text().replace(",", ";") + ";;;;;;\n")
+    saved, _ = read_study(template(tmp_path, "any"))
+    assert isinstance(study, RatingStudy)
+    assert isinstance(saved, RatingStudy)
+    assert saved.items == study.items
+
+
 def test_a_missing_list_of_stimuli_says_what_makes_it(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"expected a list of stimuli, .*'manip3d study stimuli'"):
         read_study(template(tmp_path))

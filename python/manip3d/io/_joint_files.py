@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import json
 import math
 import os
@@ -16,6 +15,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from manip3d._util.csv_tables import csv_rows
 from manip3d._util.texts import float_or_nan
 from manip3d.errors import FormatError
 from manip3d.io._files import limited_bytes
@@ -253,26 +253,25 @@ def _ntu_body(lines: _Lines) -> tuple[Floats, Floats, int]:
 
 def _table(path: Path) -> JointFile:
     """Read a table with the columns of `export_joints`, of which `_COLUMNS` are needed."""
-    text = limited_bytes(path, _MAX_BYTES).decode("utf-8-sig", "replace")
-    reader = csv.reader(text.splitlines())
+    rows = csv_rows(path, most_bytes=_MAX_BYTES, errors="replace")
     people: dict[tuple[int, int], tuple[Floats, Floats]] = {}
     times: dict[int, int] = {}
-    try:
-        names = [name.strip().lower() for name in next(reader, [])]
-        missing = [name for name in _COLUMNS if names.count(name) != 1]
-        if missing:
-            raise ValueError(f"expected columns {', '.join(missing)}, each once, got {names!r:.80}")
-        at = [names.index(name) for name in _COLUMNS]
-        time_at = names.index(_TIME) if _TIME in names else len(names)
-        for row in reader:
-            if row:
-                frame = _add_joint(people, [row[i] if i < len(row) else "" for i in at])
-                time = _whole(row[time_at]) if time_at < len(row) else None
-                if time is not None:
-                    times.setdefault(frame, time)
-    except (ValueError, csv.Error) as error:
-        line = max(1, reader.line_num)
-        raise FormatError(str(error), file=str(path), line=line) from None
+    line, head = next(rows, (1, []))
+    names = [name.strip().lower() for name in head]
+    missing = [name for name in _COLUMNS if names.count(name) != 1]
+    if missing:
+        told = f"expected columns {', '.join(missing)}, each once, got {names!r:.80}"
+        raise FormatError(told, file=str(path), line=line)
+    at = [names.index(name) for name in _COLUMNS]
+    time_at = names.index(_TIME) if _TIME in names else len(names)
+    for line, row in rows:
+        try:
+            frame = _add_joint(people, [row[i] if i < len(row) else "" for i in at])
+        except ValueError as error:
+            raise FormatError(str(error), file=str(path), line=line) from None
+        time = _whole(row[time_at]) if time_at < len(row) else None
+        if time is not None:
+            times.setdefault(frame, time)
     frames: dict[int, tuple[SeenPerson, ...]] = {}
     for (number, identity), (places, states) in people.items():
         seen = SeenPerson(places, np.nan_to_num(states), identity)

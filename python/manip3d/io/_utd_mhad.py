@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from manip3d._util.csv_tables import csv_rows
 from manip3d.errors import FormatError
 from manip3d.io._files import limited_bytes
 
@@ -196,18 +197,9 @@ def _png_trial(
             told = f"expected {_SIZE[1]} x {_SIZE[0]} pixels, as UTD-MHAD has, got "
             raise FormatError(told + f"{image.shape[1]} x {image.shape[0]}", file=str(path))
     table = folder / _TABLE
-    lines = limited_bytes(table, _MAX_BYTES).decode("utf-8", "replace").splitlines()
-    numbers = [number for number, line in enumerate(lines, 1) if number > 1 and line.strip()]
-    text = [lines[number - 1] for number in numbers]
-    options: dict[str, Any] = {"delimiter": ",", "usecols": (0, 1, 3, 4, 5), "ndmin": 2}
-    try:
-        rows = np.loadtxt(text or ["0," * 6], np.float64, comments=None, **options)
-    except ValueError as error:
-        told = "expected frame, joint, name, x, y, z after a heading, with commas between them"
-        raise FormatError(f"{told}: {error}", file=str(table)) from None
-    rows = rows[: len(text)]
+    lines, rows = _rows_of(table)
     joints = np.full((len(images), _JOINTS, 3), np.nan)
-    at = _places_of(rows[:, :2], numbers, len(images), table)
+    at = _places_of(rows[:, :2], lines, len(images), table)
     joints.reshape(-1, 3)[at] = rows[:, 2:]
     is_whole = np.bincount(at // _JOINTS, minlength=len(images)) == _JOINTS
     if not is_whole.any():
@@ -215,6 +207,21 @@ def _png_trial(
         raise FormatError(told, file=str(table))
     joints[~is_whole] = np.nan
     return np.stack(images).astype(np.uint16), joints, is_whole
+
+
+def _rows_of(table: Path) -> tuple[list[int], NDArray[np.float64]]:
+    """Return the lines of a table after its heading, and their frames, joints, x, y and z."""
+    lines, rows = list[int](), list[list[float]]()
+    for line, row in csv_rows(table, most_bytes=_MAX_BYTES, errors="replace"):
+        if line == 1:
+            continue
+        try:
+            rows.append([float(row[column]) for column in (0, 1, 3, 4, 5)])
+        except (ValueError, IndexError) as error:
+            told = "expected frame, joint, name, x, y, z after a heading, with commas between them"
+            raise FormatError(f"{told}: {error}", file=str(table), line=line) from None
+        lines.append(line)
+    return lines, np.array(rows, np.float64).reshape(-1, 5)
 
 
 def _places_of(

@@ -14,8 +14,10 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from manip3d._util.checked import checked
+from manip3d._util.csv_tables import csv_records
 from manip3d._util.extras import imported
 from manip3d._util.options import generator_of
+from manip3d._util.texts import float_or_nan
 from manip3d.errors import FormatError, InputError
 from manip3d.study._definition import Common, Section
 from manip3d.study._engine import Study, next_screen_step
@@ -400,20 +402,16 @@ class JndStudy(Study):
         if table is None or not table.is_file():
             return {}
         found = {}
-        with table.open(newline="", encoding="utf-8-sig", errors="replace") as stream:
-            for row in csv.DictReader(stream):
-                try:
-                    percent = float(row["reached_percent"])
-                except (KeyError, TypeError, ValueError):
-                    percent = math.nan
-                if not 0.0 < percent <= 100.0:
-                    raise FormatError(
-                        f"{row.get('file')}: expected a difference from the original, got "
-                        f"{row.get('reached_percent')} percent; 'manip3d study stimuli --force' "
-                        "makes the stimuli anew",
-                        file=str(table),
-                    )
-                found[str(row.get("file"))] = max(1, round(percent))
+        for row in csv_records(table, errors="replace"):
+            percent = float_or_nan(row.get("reached_percent", ""))
+            if not 0.0 < percent <= 100.0:
+                raise FormatError(
+                    f"{row.get('file')}: expected a difference from the original, got "
+                    f"{row.get('reached_percent')} percent; 'manip3d study stimuli --force' "
+                    "makes the stimuli anew",
+                    file=str(table),
+                )
+            found[str(row.get("file"))] = max(1, round(percent))
         return found
 
     def check_stimuli(self) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
@@ -11,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
+from manip3d._util.csv_tables import csv_rows
 from manip3d.errors import FormatError, InputError
-from manip3d.io._files import regular_bytes
 from manip3d.study._agreement import fleiss_kappa_interval, share_interval
 from manip3d.study._definition import Common, Section
 from manip3d.study._engine import SHOWABLE, ListedStudy
@@ -94,15 +93,13 @@ def read_items(folder: Path) -> tuple[Item, ...]:
         raise InputError(
             f"{path}: expected a list of stimuli, found none; 'manip3d study stimuli' makes it"
         )
-    try:
-        rows = list(csv.reader(regular_bytes(path).decode("utf-8-sig").splitlines(), strict=True))
-    except (ValueError, csv.Error) as error:
-        raise FormatError(f"expected CSV: {error}", file=str(path)) from None
-    if not rows or tuple(rows[0]) != COLUMNS:
+    rows = csv_rows(path)
+    _, head = next(rows, (1, []))
+    if tuple(head) != COLUMNS:
         raise FormatError(f"line 1: expected {','.join(COLUMNS)}", file=str(path))
     found: list[Item] = []
     files: set[str] = set()
-    for number, row in enumerate(rows[1:], 2):
+    for number, row in rows:
         item = _item(row, number, path)
         if item.file in files:
             raise FormatError(f"line {number}: {item.file} is there twice", file=str(path))

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import csv
 from pathlib import Path
 
+from manip3d._util.csv_tables import csv_records
 from manip3d.io._files import refuse_other_files
 
 
@@ -22,11 +22,12 @@ def refuse_other_stimuli(folder: Path, table: str) -> None:
     ------
     InputError
         There are other files; the message names some of them.
+    FormatError
+        The table is no CSV in UTF-8.
     """
     known = {table}
     path = folder / table
     if path.is_file():
-        with path.open(newline="", encoding="utf-8", errors="replace") as stream:
-            for row in csv.DictReader(stream):
-                known |= {str(row.get("file")), f"{row.get('model')}.glb"}
+        for row in csv_records(path, errors="replace"):
+            known |= {str(row.get("file")), f"{row.get('model')}.glb"}
     refuse_other_files(folder, known.__contains__)
