@@ -44,12 +44,13 @@ class DiaryFile:
         self.key = key
         self._is_closed = False
         self._told_as = path if told_as is None else told_as
+        self._place = Path(os.path.abspath(path))  # holds after a change of the working directory
         if create and told_as is None and not os.path.lexists(path):
             _make(path, key)
         self._check_file(create)
         self.engine = sql.create_engine(
             "sqlite://",
-            creator=functools.partial(connect, Path(os.path.abspath(path)), timeout=_BUSY_S),
+            creator=functools.partial(connect, self._place, timeout=_BUSY_S),
             poolclass=sql.pool.NullPool,
         )
         sql.event.listen(self.engine, "connect", self._on_connect)
@@ -234,7 +235,7 @@ class DiaryFile:
 
     def _told(self, error: sqlite3.DatabaseError) -> Exception:
         """Return an OSError for a full disk, a lock or a missing file, or else a FormatError."""
-        if not self.path.exists():
+        if not self._place.exists():
             return OSError(f"the diary is no longer at {self._told_as}; put it back")
         # Python's own error about text that is not UTF-8 has no code of SQLite: it is damage.
         is_of_sqlite = hasattr(error, "sqlite_errorcode")
