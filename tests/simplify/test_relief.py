@@ -217,7 +217,7 @@ def test_live_keeps_narrow_slits_between_boards(points: int) -> None:
     depth = np.where((u % 80 < 2) & (v >= 20), 2.5, 2.0).astype(np.float32)
     camera = Intrinsics(320, 240, fx=300, fy=300, cx=159.5, cy=119.5)
     found = simplify.relief(depth, camera, points, effort="live", depth_step=simplify.DEPTH_STEP)
-    assert simplify.cut_depth_steps(found, depth).coverage > 0.999  # 0.977 with every second pixel only
+    assert simplify.cut_depth_steps(found, depth).coverage > 0.999  # 0.977 with every second pixel
 
 
 def test_collapses_have_something_to_choose_where_many_points_are_asked_for() -> None:

@@ -181,7 +181,8 @@ class DepthMesh(Showable):
         )
         if self.color is None:
             return mesh
-        picture = Material("colour", textures={"base_color": Texture(data=encoded_picture(self.color))})
+        texture = Texture(data=encoded_picture(self.color))
+        picture = Material("colour", textures={"base_color": texture})
         return with_materials(mesh, np.zeros(self.num_faces, np.int32), (picture,), textured)
 
 
