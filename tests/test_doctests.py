@@ -1,4 +1,4 @@
-"""The examples in the docstrings of the public functions are true."""
+"""The examples in the docstrings are true, also where a reader copies one into a new notebook."""
 
 from __future__ import annotations
 
@@ -21,8 +21,10 @@ MODULES = sorted(
 @pytest.mark.parametrize("name", MODULES)
 def test_examples(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     runner = doctest.DocTestRunner(optionflags=doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE)
-    for number, example in enumerate(doctest.DocTestFinder().find(importlib.import_module(name))):
-        folder = tmp_path / str(number)  # so that files of one example are not another's
+    # No names: an example imports what it uses.
+    examples = doctest.DocTestFinder().find(importlib.import_module(name), globs={})
+    for number, example in enumerate(examples):
+        folder = tmp_path / str(number)  # each example makes the files that it reads
         folder.mkdir()
         monkeypatch.chdir(folder)
         runner.run(example)

@@ -9,15 +9,16 @@ _HALVES = re.compile("[\ud800-\udc7f\udd00-\udfff]")
 
 
 def printable(text: str) -> str:
-    """Return ``text`` with control characters and bytes that are not UTF-8 as escapes.
+    r"""Return ``text`` with control characters and bytes that are not UTF-8 as escapes.
 
     Names and contents of files may have control sequences, which must not reach a terminal or a
     log.
 
     Examples
     --------
+    >>> from manip3d.errors import printable
     >>> printable("a\x1b[31m.obj")
-    'a\\\\x1b[31m.obj'
+    'a\\x1b[31m.obj'
     """
     # Unpaired surrogates that encode no byte can come from JSON.
     whole = _HALVES.sub(lambda half: half[0].encode("unicode_escape").decode(), text)
@@ -42,6 +43,7 @@ class Error(Exception):
 
         Examples
         --------
+        >>> from manip3d import FormatError
         >>> FormatError("expected 3 numbers, got 2", file="a.obj", line=7).details()["line"]
         7
         """
@@ -102,6 +104,7 @@ def error_details(error: BaseException) -> dict[str, object]:
 
     Examples
     --------
+    >>> from manip3d.errors import error_details
     >>> error_details(FileNotFoundError(2, "No such file or directory", "a.obj"))["code"]
     'file'
     """

@@ -98,6 +98,7 @@ class Material:
 
     Examples
     --------
+    >>> import numpy as np
     >>> from manip3d import Material, Mesh, read_mesh
     >>> lamp = Material("lamp", emissive=(1.0, 0.5, 0.0))
     >>> mesh = Mesh(np.eye(3), [[0, 1, 2]], face_material=[0], materials=[lamp])
@@ -358,6 +359,7 @@ class Mesh(Showable):
 
         Examples
         --------
+        >>> from manip3d import Mesh
         >>> mesh = Mesh([[0, 0, 0], [0, 0, 500], [1, 0, 0]], [[0, 1, 2]])
         >>> mesh.oriented(unit="mm", up="z").vertices[1].tolist()
         [0.0, 0.5, 0.0]

@@ -97,6 +97,7 @@ def imported(module: str, extra: str) -> Any:
 
     Examples
     --------
+    >>> from manip3d._util.extras import imported
     >>> imported("PIL.Image", "io").new("L", (4, 3)).size
     (4, 3)
     """

@@ -21,6 +21,7 @@ def signals_held() -> Iterator[None]:
     Examples
     --------
     >>> import os, signal
+    >>> from manip3d._util.held_signals import signals_held
     >>> done = []
     >>> try:
     ...     with signals_held():

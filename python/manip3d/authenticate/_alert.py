@@ -100,6 +100,7 @@ class AlertMonitor:
     --------
     >>> import numpy as np
     >>> from manip3d import LidarFrame
+    >>> from manip3d.authenticate import AlertMonitor
     >>> monitor = AlertMonitor()
     >>> alert = monitor.judge(LidarFrame(np.zeros((0, 3), np.float32)), speed_mps=10.0)
     >>> alert.verdict

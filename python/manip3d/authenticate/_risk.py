@@ -103,6 +103,7 @@ class RiskParameters:
 
         Examples
         --------
+        >>> from manip3d.authenticate import RiskParameters
         >>> round(RiskParameters().safe_distance(50 / 3.6), 1)
         36.9
         """
@@ -130,6 +131,7 @@ class RiskParameters:
 
         Examples
         --------
+        >>> from manip3d.authenticate import RiskParameters
         >>> RiskParameters().contains([[20.0, 0.0, 0.0], [50.0, 0.0, 0.0]], 50 / 3.6).tolist()
         [True, False]
         """
@@ -163,6 +165,7 @@ class RiskParameters:
 
         Examples
         --------
+        >>> from manip3d.authenticate import RiskParameters
         >>> RiskParameters().frames(10.0)
         100
         """
@@ -292,6 +295,7 @@ class RiskTracker:
 
     Examples
     --------
+    >>> from manip3d.authenticate import AttackObservation, RiskTracker
     >>> tracker = RiskTracker()
     >>> attack = AttackObservation("additive", (8.0, 0.0), changed=40, cells=100)
     >>> tracker.update(attack, speed_mps=10.0).level
@@ -430,6 +434,7 @@ def temporal_factor(attacked: Sequence[bool], *, frames: int = 0) -> float:
 
     Examples
     --------
+    >>> from manip3d.authenticate import temporal_factor
     >>> temporal_factor([True, True, True, False, False])
     0.36
     """

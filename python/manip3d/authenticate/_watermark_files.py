@@ -292,6 +292,7 @@ def as_stored(
     --------
     >>> import numpy as np
     >>> from manip3d import LidarFrame
+    >>> from manip3d.authenticate import as_stored
     >>> organised = LidarFrame(np.ones((2, 3), np.float32), num_dropped=7)
     >>> stored = as_stored(organised, "scan.bin")
     >>> stored.num_dropped, stored.intensity.tolist()

@@ -200,6 +200,7 @@ def find_drives(
     --------
     >>> import tempfile
     >>> from pathlib import Path
+    >>> from manip3d.batch import find_drives
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     for name in ("a", "b"):
     ...         (Path(folder) / "day" / name / "velodyne").mkdir(parents=True)

@@ -160,6 +160,7 @@ def fit_mixed_model(scores: ArrayLike) -> MixedModel:
 
     Examples
     --------
+    >>> from manip3d.diary import fit_mixed_model
     >>> model = fit_mixed_model([[40, 35, 30], [30, 26, 22], [50, 47, 36]])
     >>> round(model.changes[1].value, 2)
     -10.67
@@ -337,7 +338,7 @@ def analyse(
 
     Examples
     --------
-    >>> from manip3d.diary import Diary
+    >>> from manip3d.diary import Diary, analyse
     >>> with Diary("study.diary", create=True) as diary:
     ...     _ = diary.enrol("P01")
     ...     _ = diary.add_mcgill("P01", [1] * 20, 3, occasion="baseline")
@@ -427,6 +428,7 @@ def simulate_cohort(
 
     Examples
     --------
+    >>> from manip3d.diary import simulate_cohort
     >>> simulate_cohort().shape
     (10, 3)
     """

@@ -123,6 +123,7 @@ def film(clip: Clip) -> bytes:
     Examples
     --------
     >>> from datetime import UTC, datetime
+    >>> from manip3d.diary import Clip, film
     >>> film(Clip(datetime.now(UTC), "piano", 5.0, 20.0, ()))
     Traceback (most recent call last):
         ...
@@ -185,7 +186,7 @@ def export_clips(
 
     Examples
     --------
-    >>> from manip3d.diary import Diary
+    >>> from manip3d.diary import Diary, export_clips
     >>> with Diary("clips.diary", create=True) as diary:
     ...     _ = diary.enrol("P01")
     ...     export_clips(diary, "clips", "P01")

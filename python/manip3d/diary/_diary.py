@@ -64,6 +64,7 @@ class Diary(DiaryReading):
 
     Examples
     --------
+    >>> from manip3d.diary import Diary
     >>> with Diary("study.diary", create=True) as diary:
     ...     _ = diary.enrol("P01", limb="left_leg")
     ...     session = diary.start_session("P01")

@@ -93,6 +93,7 @@ def export_csv(
     Examples
     --------
     >>> import os
+    >>> from manip3d.diary import Diary, export_csv
     >>> with Diary("tables.diary", create=True) as diary:
     ...     _ = diary.enrol("P01")
     ...     export_csv(diary, "tables")
@@ -292,6 +293,7 @@ def export_fhir(
 
     Examples
     --------
+    >>> from manip3d.diary import Diary, export_fhir
     >>> with Diary("export.diary", create=True) as diary:
     ...     _ = diary.enrol("P01")
     ...     export_fhir(diary, "P01.json", "P01")
@@ -334,6 +336,7 @@ def fhir_bundle(diary: Diary, identifier: str) -> dict[str, Any]:
 
     Examples
     --------
+    >>> from manip3d.diary import Diary, fhir_bundle
     >>> with Diary("bundle.diary", create=True) as diary:
     ...     _ = diary.enrol("P01")
     ...     fhir_bundle(diary, "P01")["entry"][0]["resource"]["resourceType"]

@@ -89,6 +89,7 @@ def write_page(
 
     Examples
     --------
+    >>> from manip3d.diary import Diary, write_page
     >>> with Diary("page.diary", create=True) as diary:
     ...     _ = diary.enrol("P01")
     ...     write_page(diary, "P01.html", "P01")
@@ -141,6 +142,7 @@ def write_overview(
     Examples
     --------
     >>> import os
+    >>> from manip3d.diary import Diary, write_overview
     >>> with Diary("overview.diary", create=True) as diary:
     ...     _ = diary.enrol("P01")
     ...     write_overview(diary, "pages")

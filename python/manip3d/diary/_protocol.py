@@ -105,8 +105,9 @@ def adherence(
 
     Examples
     --------
-    >>> from datetime import timezone
-    >>> start = datetime(2026, 1, 1, 12, tzinfo=timezone.utc)
+    >>> from datetime import UTC, date, datetime
+    >>> from manip3d.diary import adherence
+    >>> start = datetime(2026, 1, 1, 12, tzinfo=UTC)
     >>> adherence([], start, date(2026, 1, 7)).expected
     14
     """
@@ -165,6 +166,7 @@ def stop_reason(before: int | None, now: int) -> str:
 
     Examples
     --------
+    >>> from manip3d.diary import stop_reason
     >>> stop_reason(3, 5)
     'The pain rose from 3 to 5. Please stop for today and tell your therapist.'
     >>> stop_reason(3, 4)

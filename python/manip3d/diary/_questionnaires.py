@@ -264,6 +264,7 @@ def load_questionnaire(path: str | os.PathLike[str]) -> Questionnaire:
     Examples
     --------
     >>> from pathlib import Path
+    >>> from manip3d.diary import load_questionnaire
     >>> _ = Path("mood.json").write_text('''{"name": "Mood", "items":
     ...   [{"text": "I feel well.", "low": 0, "high": 3},
     ...    {"text": "I am sad.", "low": 0, "high": 3}],
@@ -304,6 +305,7 @@ def write_questionnaire(questionnaire: Questionnaire, path: str | os.PathLike[st
 
     Examples
     --------
+    >>> from manip3d.diary import MCGILL, load_questionnaire, write_questionnaire
     >>> write_questionnaire(MCGILL, "mcgill.json")
     >>> load_questionnaire("mcgill.json") == MCGILL
     True

@@ -40,6 +40,7 @@ def make_key(path: str | os.PathLike[str]) -> None:
 
     Examples
     --------
+    >>> from manip3d.diary import make_key
     >>> make_key("diary.key")
     """
     write_new(path_of(path), f"{_HEADER}{secrets.token_bytes(_BYTES).hex()}\n".encode())

@@ -120,6 +120,7 @@ def read_bvh(path: str | os.PathLike[str]) -> Motion:
     --------
     >>> import tempfile
     >>> from pathlib import Path
+    >>> from manip3d.io import read_bvh
     >>> text = '''HIERARCHY
     ... ROOT Hips { OFFSET 0 0 0 CHANNELS 6 Xposition Yposition Zposition Zrotation Xrotation
     ...   Yrotation JOINT Head { OFFSET 0 60 0 CHANNELS 3 Zrotation Xrotation Yrotation

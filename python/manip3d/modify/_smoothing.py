@@ -88,6 +88,7 @@ class JointSmoother:
     --------
     >>> import numpy as np
     >>> from manip3d import Skeleton
+    >>> from manip3d.modify import JointSmoother
     >>> smoother = JointSmoother()
     >>> still = Skeleton(np.full((25, 3), 2.0))
     >>> shaken = Skeleton(np.full((25, 3), 2.005))

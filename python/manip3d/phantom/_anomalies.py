@@ -34,6 +34,7 @@ class AnomalyWatch:
 
     Examples
     --------
+    >>> from manip3d.phantom._anomalies import AnomalyWatch
     >>> AnomalyWatch().found
     []
     """

@@ -119,6 +119,7 @@ def simulated_patient(limb: str, game: str | None = None) -> str:
 
     Examples
     --------
+    >>> from manip3d.phantom import simulated_patient
     >>> simulated_patient("left_leg")
     'sim:body?amputated=left-leg&motion=knee-extension&tracker=kinect-v2'
     >>> simulated_patient("left_leg", "piano")

@@ -331,6 +331,7 @@ def bones_of(limbs: Literal["arms", "legs"], side: str) -> tuple[int, ...]:
 
     Examples
     --------
+    >>> from manip3d.phantom.games import bones_of
     >>> bones_of("arms", "right")
     (10, 11, 23, 24)
     """

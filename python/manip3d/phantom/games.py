@@ -208,7 +208,7 @@ def can_reach(state: GameState) -> bool:
 
     Examples
     --------
-    >>> from manip3d.phantom.games import PianoField
+    >>> from manip3d.phantom.games import GAMES, GameState, PianoField, can_reach
     >>> field = PianoField(((0, 0, 2),), ((0.3, 0, 2),), floor=0.0, radius=0.11)
     >>> piano = GameState(GAMES["piano"], 1, 0, field)
     >>> can_reach(piano)  # no key is up

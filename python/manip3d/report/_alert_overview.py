@@ -53,6 +53,7 @@ def write_alert_overview(
     --------
     >>> import tempfile
     >>> from pathlib import Path
+    >>> from manip3d.report import write_alert_overview
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     page = Path(folder) / "overview.html"
     ...     write_alert_overview([{"source": "car 1", "error": "no such drive"}], page)

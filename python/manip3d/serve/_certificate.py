@@ -79,6 +79,7 @@ def make_certificate(host: str) -> Certificate:
 
     Examples
     --------
+    >>> from manip3d.serve import make_certificate
     >>> make_certificate("192.168.1.20").host
     '192.168.1.20'
     """
@@ -144,6 +145,7 @@ def kept_certificate(path: str | os.PathLike[str], host: str) -> Certificate:
 
     Examples
     --------
+    >>> from manip3d.serve import kept_certificate
     >>> first = kept_certificate("manip3d.pem", "192.168.1.20")
     >>> kept_certificate("manip3d.pem", "192.168.1.20") == first
     True

@@ -112,6 +112,7 @@ def read_message(
 
     Examples
     --------
+    >>> from manip3d.serve import Kind, read_message
     >>> read_message('{"type": "ack", "sequence": 7}', {"ack": {"sequence": Kind(int, 0, 9)}})
     ('ack', {'sequence': 7})
     """

@@ -46,6 +46,7 @@ def share_interval(hits: int, count: int) -> Interval:
 
     Examples
     --------
+    >>> from manip3d.study import share_interval
     >>> [round(end, 3) for end in share_interval(8, 10)]
     [0.8, 0.49, 0.943]
     """
@@ -77,6 +78,7 @@ def fleiss_kappa(counts: ArrayLike) -> float:
 
     Examples
     --------
+    >>> from manip3d.study import fleiss_kappa
     >>> fleiss_kappa([[3, 0], [0, 3]])
     1.0
     >>> round(fleiss_kappa([[2, 1], [1, 2]]), 3)
@@ -117,6 +119,7 @@ def fleiss_kappa_interval(counts: ArrayLike, *, repeats: int = 2000, rng: Rng = 
 
     Examples
     --------
+    >>> from manip3d.study import fleiss_kappa_interval
     >>> found = fleiss_kappa_interval([[5, 1], [1, 5], [6, 0], [2, 4]])
     >>> found.low <= found.value <= found.high
     True

@@ -73,6 +73,7 @@ class Staircase:
 
     Examples
     --------
+    >>> from manip3d.study import Staircase
     >>> stairs = Staircase(level=50)
     >>> for is_right in (True, True, False, True, True):
     ...     stairs.answer(is_right)
@@ -177,6 +178,7 @@ def simulate_staircase(
 
     Examples
     --------
+    >>> from manip3d.study import SimulatedObserver, simulate_staircase
     >>> stairs = simulate_staircase(SimulatedObserver(30.0), rng=3)
     >>> len(stairs.reversals)
     12
@@ -553,6 +555,7 @@ def reversal_mean(stairs: Staircase) -> float | None:
 
     Examples
     --------
+    >>> from manip3d.study import Staircase, reversal_mean
     >>> stairs = Staircase(50)
     >>> stairs.reversals = [45, 50, 45, 60]
     >>> reversal_mean(stairs)
@@ -604,6 +607,7 @@ def paired_power(
 
     Examples
     --------
+    >>> from manip3d.study import paired_power
     >>> round(paired_power(34, 0.5), 3)  # as in tables of power
     0.808
     """
@@ -663,6 +667,7 @@ def required_participants(
 
     Examples
     --------
+    >>> from manip3d.study import required_participants
     >>> required_participants(0.5)
     34
     """

@@ -86,7 +86,8 @@ def make_stimuli(
     Examples
     --------
     >>> import tempfile
-    >>> from manip3d.study import write_template
+    >>> from pathlib import Path
+    >>> from manip3d.study import make_stimuli, write_template
     >>> with tempfile.TemporaryDirectory() as place:
     ...     file = write_template("display", Path(place) / "study.toml", example=True)
     ...     make_stimuli(file)

@@ -154,6 +154,7 @@ def estimate_threshold(trials: Sequence[tuple[int, bool]]) -> Estimate:
 
     Examples
     --------
+    >>> from manip3d.study import estimate_threshold
     >>> found = estimate_threshold([(20, True), (20, True), (15, True), (15, False)] * 12)
     >>> found.low < found.threshold < found.high
     True

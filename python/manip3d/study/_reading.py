@@ -54,6 +54,8 @@ def read_study(path: str | os.PathLike[str]) -> tuple[Study, dict[str, Any]]:
     Examples
     --------
     >>> import tempfile
+    >>> from pathlib import Path
+    >>> from manip3d.study import read_study, write_template
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     file = write_template("display", Path(folder) / "study.toml")
     ...     read_study(file)
@@ -93,6 +95,7 @@ def study_of(definition: Mapping[str, Any]) -> Study:
 
     Examples
     --------
+    >>> from manip3d.study import study_of
     >>> study_of({"kind": "none"})
     Traceback (most recent call last):
     manip3d.errors.FormatError: kind: expected one of rating, jnd, display, got 'none'
@@ -167,6 +170,8 @@ def write_template(name: str, path: str | os.PathLike[str], *, example: bool = F
     Examples
     --------
     >>> import tempfile
+    >>> from pathlib import Path
+    >>> from manip3d.study import write_template
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     write_template("jnd-textured", Path(folder) / "study.toml").read_text()[:5]
     '# Jus'

@@ -216,6 +216,7 @@ def px_per_degree(card_px: float, distance_cm: float) -> float:
 
     Examples
     --------
+    >>> from manip3d.study import px_per_degree
     >>> round(px_per_degree(323.5, 60.0), 1)  # a screen of 96 dots per inch
     39.6
     """

@@ -307,6 +307,7 @@ def copy_rating_stimuli(
     --------
     >>> import tempfile
     >>> from pathlib import Path
+    >>> from manip3d.study import copy_rating_stimuli
     >>> with tempfile.TemporaryDirectory() as place:
     ...     for truth in ("real", "type2"):
     ...         (Path(place) / "mine" / truth / "depth").mkdir(parents=True)

@@ -292,6 +292,7 @@ class StudyFolder(Closing):
         Examples
         --------
         >>> import tempfile
+        >>> from manip3d.study import Answer, StudyFolder
         >>> with tempfile.TemporaryDirectory() as place:
         ...     with StudyFolder(place, {}) as folder:
         ...         for code in ("P0", "P1"):
