@@ -21,6 +21,7 @@ from manip3d._util.callers import caller_level
 from manip3d._util.checked import checked
 from manip3d._util.options import threads_of
 from manip3d._util.regular_files import open_regular
+from manip3d._util.reprs import short_repr
 from manip3d.errors import FormatError, InputError
 
 if TYPE_CHECKING:
@@ -266,6 +267,8 @@ class Registration:
     color: Intrinsics
     rotation: NDArray[np.float64] = field(default_factory=lambda: np.eye(3))
     translation: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
+
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         if not isinstance(self.color, Intrinsics):

@@ -17,6 +17,7 @@ from manip3d._util.arrays import rows as as_rows
 from manip3d._util.checked import checked
 from manip3d._util.linear import product
 from manip3d._util.mappings import ReadOnlyMapping
+from manip3d._util.reprs import short_repr
 from manip3d._util.showing import Showable
 from manip3d.errors import InputError
 
@@ -49,6 +50,8 @@ class ScanFormat:
     columns: tuple[tuple[str, str, int], ...] = ()
     header: Mapping[str, Any] = field(default_factory=dict)
     to_file: NDArray[np.float64] = field(default_factory=lambda: np.eye(4))
+
+    __repr__ = short_repr
 
     def file_coordinates(self, points: ArrayLike) -> NDArray[np.float64]:
         """Points of the frame in the file's coordinates, (N, 3) float64."""

@@ -11,6 +11,7 @@ import numpy as np
 
 from manip3d import _core
 from manip3d._util.arrays import as_array, masked_elements, rows
+from manip3d._util.reprs import short_repr
 from manip3d._util.showing import Showable
 from manip3d.camera import Intrinsics, Registration
 from manip3d.errors import InputError
@@ -87,6 +88,8 @@ class Skeleton:
     )
     id: int = 0
     body: int = NO_BODY
+
+    __repr__ = short_repr
 
     if TYPE_CHECKING:  # arrays of other dtypes and lists are converted
 

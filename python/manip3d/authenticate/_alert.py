@@ -149,6 +149,11 @@ class AlertMonitor:
         self._late = 0
         self._slowest = self._total = 0.0
 
+    def __repr__(self) -> str:
+        verdicts = [f"{count} {verdict}" for verdict, count in self._verdicts.copy().items()]
+        parts = [f"{self._number} frames", *verdicts, f"risk {self._latest.level}"]
+        return f"<manip3d.authenticate.AlertMonitor: {', '.join(parts)}>"
+
     @checked
     def judge(
         self,

@@ -84,6 +84,9 @@ class AlertTally:
         self._accused = self._seen = 0  # frames that the cameras accused and judged
         self._stream = StreamTally()
 
+    def __repr__(self) -> str:
+        return f"<manip3d.authenticate.AlertTally: {self.num_frames} frames>"
+
     @property
     def num_frames(self) -> int:
         """Number of frames so far."""

@@ -97,6 +97,10 @@ class Alert:
     forensics: Inspection | None = field(default=None, repr=False)
     scan: str = ""
 
+    def __repr__(self) -> str:
+        told = f"frame {self.number}, risk {self.risk.level}"
+        return f"<manip3d.authenticate.Alert: {self.verdict}; {self.reason}; {told}>"
+
     def brief(self) -> Alert:
         """Return the alert without scans, maps and points, so that a whole drive fits in memory.
 

@@ -11,9 +11,10 @@ import numpy as np
 
 from manip3d import _core
 from manip3d._util.checked import checked
+from manip3d._util.reprs import short_repr
 from manip3d.authenticate._risk import AttackObservation, RiskParameters, gravest_place
 from manip3d.authenticate._stereo import Disparity, StereoRig
-from manip3d.authenticate._verdict import Calibration, Verdict, WithoutRate
+from manip3d.authenticate._verdict import Calibration, Verdict, WithoutRate, verdict_repr
 from manip3d.errors import InputError
 from manip3d.lidar import Box, LidarFrame, ScanLike, placed, to_scan
 
@@ -203,6 +204,8 @@ class CrossModalRegion:
     )
     behind: int = 0
 
+    __repr__ = short_repr
+
     @property
     def p_value(self) -> float | None:
         """None, because the scores of clean scenes are not known well enough for a p-value."""
@@ -300,6 +303,8 @@ class CrossModalResult(WithoutRate):
     parameters: CrossModalParameters
     scan: LidarFrame | None = field(default=None, repr=False)
     heading: float = 0.0
+
+    __repr__ = verdict_repr
 
     @property
     def calibration(self) -> Calibration | None:

@@ -12,7 +12,7 @@ from manip3d._util.checked import checked
 from manip3d._util.options import reporting, threads_of
 from manip3d._util.robust import NORMAL_MAD
 from manip3d.authenticate._origin import NO_ORIGIN, scanner_position
-from manip3d.authenticate._verdict import Calibration, Region, Verdict, WithoutRate
+from manip3d.authenticate._verdict import Calibration, Region, Verdict, WithoutRate, verdict_repr
 from manip3d.errors import InputError
 from manip3d.lidar import Box, LidarFrame, ScanLike, placed, to_scan
 
@@ -170,6 +170,8 @@ class DensityResult(WithoutRate):
     parameters: DensityParameters
     calibration: Calibration | None
     scan: LidarFrame | None = field(default=None, repr=False)
+
+    __repr__ = verdict_repr
 
 
 @checked

@@ -26,7 +26,7 @@ from manip3d.authenticate._on_lattice import LeftOut
 from manip3d.authenticate._processing import STILL_COMPARED
 from manip3d.authenticate._repeats import EarlierScans
 from manip3d.authenticate._sequence import FRAMES_PER_SECOND, DriveEvidence, drive_evidence
-from manip3d.authenticate._verdict import FALSE_ALARM_RATE, Processing, rate_of
+from manip3d.authenticate._verdict import FALSE_ALARM_RATE, Processing, rate_of, verdict_repr
 from manip3d.authenticate._watermark import Policy, Watermarker, WatermarkResult
 from manip3d.errors import InputError
 from manip3d.lidar import LidarFrame
@@ -236,6 +236,8 @@ class DriveInspection:
     num_scans: int
     num_missing: int
     remarks: tuple[Processing, ...] = ()
+
+    __repr__ = verdict_repr
 
     def record(self) -> dict[str, Any]:
         """Return the result as JSON values."""

@@ -18,12 +18,13 @@ from manip3d import _core
 from manip3d._util.arrays import rows as as_rows
 from manip3d._util.checked import checked
 from manip3d._util.options import threads_of
+from manip3d._util.reprs import short_repr
 from manip3d._util.showing import Showable
 from manip3d.authenticate._carriers import ALLOWED, MILLIMETRES, allowance, allowing
 from manip3d.authenticate._lattice import LINE_TOLERANCE, SensorLattice
 from manip3d.authenticate._lattice_estimate import estimate_lattice, without_roundings
 from manip3d.authenticate._turned_copies import TURNS, turned_copy
-from manip3d.authenticate._verdict import NO_POWER, Calibration, Power, Verdict
+from manip3d.authenticate._verdict import NO_POWER, Calibration, Power, Verdict, verdict_repr
 from manip3d.errors import InputError
 from manip3d.lidar import Box, LidarFrame
 
@@ -201,6 +202,8 @@ class SuspectRegion:
     rows: NDArray[np.int64]
     box: Box
 
+    __repr__ = short_repr
+
 
 @dataclass(frozen=True, eq=False)
 class GenericResult(Showable):
@@ -252,6 +255,8 @@ class GenericResult(Showable):
     lattice: SensorLattice | None
     scan: LidarFrame | None = field(default=None, repr=False)
     rules: Mapping[str, str] = field(default_factory=dict, repr=False)
+
+    __repr__ = verdict_repr
 
     @property
     def power(self) -> Mapping[str, Power]:

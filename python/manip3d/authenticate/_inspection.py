@@ -10,6 +10,7 @@ import numpy as np
 
 from manip3d._util.checked import checked
 from manip3d._util.mappings import ReadOnlyMapping
+from manip3d._util.reprs import short_repr
 from manip3d._util.showing import Showable
 from manip3d.authenticate._density import DensityResult
 from manip3d.authenticate._generic import GenericResult
@@ -101,6 +102,8 @@ class DetectorReport:
     calibration: Calibration | None = None
     model_p_value: float | None = None
 
+    __repr__ = short_repr
+
     @property
     def least_p_value(self) -> float | None:
         """The p-value of which the verdict is made: ``model_p_value``, else ``p_value``."""
@@ -186,6 +189,11 @@ class Inspection(Showable):
     scan: LidarFrame | None = field(default=None, repr=False)
     watermark: WatermarkResult | None = field(default=None, repr=False)
     repeats: int | None = None
+
+    def __repr__(self) -> str:
+        sensor = "unknown scanner" if self.sensor is None else self.sensor.name
+        scan = f"{self.num_points} points, {sensor}"
+        return f"<manip3d.authenticate.Inspection: {self.verdict}; {self.reason}; {scan}>"
 
     @property
     def accusing(self) -> DetectorReport | None:

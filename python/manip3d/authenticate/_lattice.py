@@ -16,6 +16,7 @@ from manip3d._util.arrays import rows as as_rows
 from manip3d._util.mappings import ReadOnlyMapping
 from manip3d._util.options import threads_of
 from manip3d._util.paths import path_of
+from manip3d._util.reprs import short_repr
 from manip3d.authenticate._rings import MIN_LABELLED, Cloud
 from manip3d.authenticate._verdict import NO_POWER, Power
 from manip3d.errors import FormatError, InputError
@@ -138,6 +139,11 @@ class SensorLattice:
                     f"{len(column)}"
                 )
             object.__setattr__(self, name, column)
+
+    def __repr__(self) -> str:
+        lasers = f"{len(self.slope)} lasers"
+        steps = f"{self.steps or 'unknown'} counts per turn, ranges in {1e3 * self.range_step:g} mm"
+        return f"<manip3d.authenticate.SensorLattice: {lasers}, {steps}>"
 
     @property
     def is_exact(self) -> bool:
@@ -543,6 +549,8 @@ class LatticeReading:
     line_error: NDArray[np.float32]
     step_error: NDArray[np.float32]
     range_error: NDArray[np.float32]
+
+    __repr__ = short_repr
 
     @property
     def columns(self) -> ReadingColumns:

@@ -12,10 +12,11 @@ import numpy as np
 from manip3d import _core
 from manip3d._util.checked import checked
 from manip3d._util.options import threads_of
+from manip3d._util.reprs import short_repr
 from manip3d.authenticate._angular_cells import angular_cells
 from manip3d.authenticate._echoes import are_echoes
 from manip3d.authenticate._origin import NO_ORIGIN, scanner_position
-from manip3d.authenticate._verdict import Calibration, Verdict, WithoutRate
+from manip3d.authenticate._verdict import Calibration, Verdict, WithoutRate, verdict_repr
 from manip3d.errors import InputError
 from manip3d.lidar import Box, LidarFrame, Scan, ScanLike, origin_of, placed, to_scan
 
@@ -162,6 +163,8 @@ class OcclusionRegion:
     box: Box
     rows: NDArray[np.int64]
 
+    __repr__ = short_repr
+
     @property
     def p_value(self) -> float | None:
         """None, because the detector states no p-values."""
@@ -221,6 +224,8 @@ class OcclusionResult(WithoutRate):
     calibration: Calibration | None
     scan: LidarFrame | None = field(default=None, repr=False)
     echoes: int = 0
+
+    __repr__ = verdict_repr
 
 
 @checked

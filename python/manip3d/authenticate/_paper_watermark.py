@@ -11,6 +11,7 @@ from manip3d import _core
 from manip3d._util.arrays import index_rows, rows
 from manip3d._util.checked import checked
 from manip3d._util.options import generator_of
+from manip3d._util.reprs import short_repr
 from manip3d.errors import InputError
 from manip3d.lidar import LidarFrame, ScanLike, as_frame, to_scan
 
@@ -98,6 +99,8 @@ class PaperComparison:
     mismatches: NDArray[np.int64]
     changed_tiles: tuple[int, ...]
     suspected: NDArray[np.int32] = field(repr=False)
+
+    __repr__ = short_repr
 
 
 @checked

@@ -14,10 +14,17 @@ from manip3d._util.arrays import rows as as_rows
 from manip3d._util.checked import checked
 from manip3d._util.mappings import ReadOnlyMapping
 from manip3d._util.options import threads_of
+from manip3d._util.reprs import short_repr
 from manip3d.authenticate._generic import largest_group, tight_box
 from manip3d.authenticate._lattice import SensorLattice
 from manip3d.authenticate._turns import TurnResult, turn_consistency
-from manip3d.authenticate._verdict import BesideTurns, Calibration, Verdict, tail_p_value
+from manip3d.authenticate._verdict import (
+    BesideTurns,
+    Calibration,
+    Verdict,
+    tail_p_value,
+    verdict_repr,
+)
 from manip3d.errors import InputError
 from manip3d.lidar import Box, LidarFrame
 
@@ -179,6 +186,8 @@ class ReflectanceRegion:
     box: Box
     rows: NDArray[np.int64]
 
+    __repr__ = short_repr
+
 
 @dataclass(frozen=True, eq=False)
 class ReflectanceResult(BesideTurns):
@@ -214,6 +223,8 @@ class ReflectanceResult(BesideTurns):
     with_turns: bool
     calibration: Calibration = field(repr=False)
     rewritten: str = ""
+
+    __repr__ = verdict_repr
 
 
 _REASONS = {

@@ -311,6 +311,9 @@ class RiskTracker:
         self._lock = threading.Lock()
         self.reset()
 
+    def __repr__(self) -> str:
+        return f"<manip3d.authenticate.RiskTracker: last {len(self._past)} frames>"
+
     def reset(self) -> None:
         """Forget all frames."""
         with self._lock:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from manip3d._util.checked import checked
+from manip3d._util.reprs import short_repr
 from manip3d._util.shares import upper_rate
 from manip3d.authenticate._inspection import Inspection
 from manip3d.errors import InputError
@@ -52,6 +53,8 @@ class DriveEvidence:
     alarms: tuple[int, ...]
     alarms_per_hour: float
     judged: int
+
+    __repr__ = short_repr
 
     @property
     def statement(self) -> str:

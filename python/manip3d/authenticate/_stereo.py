@@ -12,6 +12,7 @@ from manip3d._util.arrays import as_array
 from manip3d._util.checked import checked
 from manip3d._util.extras import imported
 from manip3d._util.linear import product
+from manip3d._util.reprs import short_repr
 from manip3d.errors import InputError
 
 if TYPE_CHECKING:
@@ -73,6 +74,8 @@ class StereoRig:
     center: tuple[float, float]
     baseline: float
     T_lidar_camera: NDArray[np.float64]
+
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         matrix = np.array(self.T_lidar_camera, np.float64)
@@ -161,6 +164,8 @@ class Disparity:
     step: int = 1
     producer: str = field(default="", compare=False)
     grey: NDArray[np.uint8] | None = field(default=None, repr=False)
+
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         given = as_array(self.values, "values")

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from manip3d._util.mappings import ReadOnlyMapping
-from manip3d.authenticate._verdict import Calibration, Power, Processing, Verdict
+from manip3d.authenticate._verdict import Calibration, Power, Processing, Verdict, verdict_repr
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -125,6 +125,8 @@ class StreamInspection:
     power: Mapping[str, Power] = field(default_factory=lambda: POWER, repr=False)
     calibration: Calibration = CALIBRATION
     p_value: None = None
+
+    __repr__ = verdict_repr
 
     def record(self) -> dict[str, Any]:
         """Return the result as JSON values, without the masks."""

@@ -22,7 +22,7 @@ from manip3d.authenticate._cross_modal import (
 )
 from manip3d.authenticate._risk import AttackObservation, RiskParameters, gravest_place
 from manip3d.authenticate._stereo import Disparity, StereoRig
-from manip3d.authenticate._verdict import Calibration, Verdict, WithoutRate
+from manip3d.authenticate._verdict import Calibration, Verdict, WithoutRate, verdict_repr
 from manip3d.errors import InputError
 from manip3d.lidar import LidarFrame, ScanLike
 
@@ -63,6 +63,8 @@ class SurroundResult(WithoutRate):
         object.__setattr__(
             self, "attack", attack_type(self.regions) if verdict == "tampered" else ""
         )
+
+    __repr__ = verdict_repr
 
     @property
     def regions(self) -> tuple[CrossModalRegion, ...]:

@@ -13,10 +13,11 @@ from manip3d._util.arrays import rows as as_rows
 from manip3d._util.checked import checked
 from manip3d._util.mappings import ReadOnlyMapping
 from manip3d._util.options import threads_of
+from manip3d._util.reprs import short_repr
 from manip3d.authenticate._generic import largest_group, tight_box
 from manip3d.authenticate._lattice import SensorLattice
 from manip3d.authenticate._movers import passes_by
-from manip3d.authenticate._verdict import BesideTurns, Calibration, tail_p_value
+from manip3d.authenticate._verdict import BesideTurns, Calibration, tail_p_value, verdict_repr
 from manip3d.errors import InputError
 from manip3d.lidar import Box, LidarFrame
 
@@ -125,6 +126,8 @@ class TurnRegion:
     rows: NDArray[np.int64]
     stood: NDArray[np.float32] = field(repr=False)
 
+    __repr__ = short_repr
+
 
 @dataclass(frozen=True, eq=False)
 class TurnResult(BesideTurns):
@@ -166,6 +169,8 @@ class TurnResult(BesideTurns):
     calibration: Calibration = field(repr=False)
     aligned: bool = True
     foreign: bool = False
+
+    __repr__ = verdict_repr
 
 
 CALIBRATION = Calibration(

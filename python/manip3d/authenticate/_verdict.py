@@ -56,6 +56,11 @@ def rate_of(detector: str, false_alarm_rate: float = FALSE_ALARM_RATE) -> float:
     return RATE_SHARES[detector] * false_alarm_rate
 
 
+def verdict_repr(self: Any) -> str:
+    """Return the ``repr`` of a result that has a verdict and its reason."""
+    return f"<manip3d.authenticate.{type(self).__name__}: {self.verdict}; {self.reason}>"
+
+
 @dataclass(frozen=True)
 class Calibration:
     """Clean scans on which the thresholds of a detector were chosen or tested.

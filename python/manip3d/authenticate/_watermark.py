@@ -25,7 +25,7 @@ from manip3d._util.paths import path_of
 from manip3d._util.showing import Showable
 from manip3d.authenticate._keys import KeyFile, KeyRing
 from manip3d.authenticate._picture_records import checked_picture
-from manip3d.authenticate._verdict import Calibration, Power, Region
+from manip3d.authenticate._verdict import Calibration, Power, Region, verdict_repr
 from manip3d.authenticate._verified_frames import VerifiedFrames
 from manip3d.errors import Error, FormatError, InputError
 from manip3d.io._scan_tables import measured_points
@@ -316,8 +316,7 @@ class WatermarkResult(Showable):
             values["suspected_rows"] = self.suspected.tolist()
         return values
 
-    def __repr__(self) -> str:
-        return f"<manip3d.authenticate.WatermarkResult: {self.verdict}; {self.reason}>"
+    __repr__ = verdict_repr
 
 
 @checked

@@ -18,6 +18,7 @@ from manip3d._util.options import reporting
 from manip3d._util.paths import in_order, path_of
 from manip3d.authenticate._picture_files import picture_path, read_carrier
 from manip3d.authenticate._picture_records import record_of_picture
+from manip3d.authenticate._verdict import verdict_repr
 from manip3d.authenticate._watermark import (
     Policy,
     Watermarker,
@@ -96,6 +97,8 @@ class VerifiedFiles:
     verdict: WatermarkVerdict
     reason: str
     frames: Sequence[tuple[str, WatermarkResult]]
+
+    __repr__ = verdict_repr
 
     def record(self, *, operator: bool = False) -> dict[str, Any]:
         """Return the result as JSON values.

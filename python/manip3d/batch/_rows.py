@@ -76,6 +76,9 @@ class Rows:
                 if record is not None and record.get("asked") == self._asked:
                     self._rows[record["key"]] = record["row"]
 
+    def __repr__(self) -> str:
+        return f"<manip3d.batch.Rows: {self._place}, {len(self._rows)} rows>"
+
     def _holds(self, asked: dict[str, Any]) -> bool:
         """Whether rows are there, all of what is asked for now."""
         if "run.json" not in self._place.names():

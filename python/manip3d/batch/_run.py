@@ -21,6 +21,7 @@ from manip3d._util.json import canonical_json, finite
 from manip3d._util.options import fraction_only, reporting
 from manip3d._util.parallel import check_function
 from manip3d._util.paths import path_of
+from manip3d._util.reprs import short_repr
 from manip3d.batch._places import Place
 from manip3d.batch._rows import Rows
 from manip3d.batch._sources import SourceFile, find_files
@@ -64,6 +65,8 @@ class Summary:
     failed: int
     seconds: float
     table: str | None
+
+    __repr__ = short_repr
 
 
 @checked

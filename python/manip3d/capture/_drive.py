@@ -57,6 +57,9 @@ class LidarDrive:
             known = ", ".join(f"{name}:PATH" for name in _SCHEMES)
             raise InputError(f"{source}: expected a file, a folder or one of {known}")
 
+    def __repr__(self) -> str:
+        return f"<manip3d.capture.LidarDrive: {self._source}, {len(self.names)} scans read>"
+
     @property
     def numbers(self) -> list[int] | None:
         """Numbers of the scans, with gaps where scans are missing; None: no scan is missing."""

@@ -17,6 +17,7 @@ import numpy as np
 from manip3d._util.checked import checked
 from manip3d._util.linear import product
 from manip3d._util.paths import path_of
+from manip3d._util.reprs import short_repr
 from manip3d.capture._rgbd import open_rgbd
 from manip3d.capture._rgbd_source import RgbdSource
 from manip3d.errors import InputError
@@ -78,6 +79,8 @@ class ExportedJoints:
     left_out: int = 0
     ids: tuple[int, ...] = ()
     others: Mapping[int, int] = field(default_factory=dict)
+
+    __repr__ = short_repr
 
 
 @dataclass(frozen=True, slots=True)

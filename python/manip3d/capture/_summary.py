@@ -13,6 +13,7 @@ import numpy as np
 
 from manip3d._util.checked import checked
 from manip3d._util.options import reporting
+from manip3d._util.reprs import short_repr
 from manip3d.camera import Intrinsics
 from manip3d.capture._rgbd_source import RgbdSource
 from manip3d.errors import InputError
@@ -74,6 +75,8 @@ class SourceSummary:
     counters: Mapping[str, int]
     flipped: tuple[str, ...] = ()
     assumed_rate: float | None = None
+
+    __repr__ = short_repr
 
     def record(self) -> dict[str, Any]:
         """Return the summary as plain values that can be written as JSON.

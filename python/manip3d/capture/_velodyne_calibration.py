@@ -14,6 +14,7 @@ import numpy as np
 
 from manip3d._util.checked import checked
 from manip3d._util.paths import path_of
+from manip3d._util.reprs import short_repr
 from manip3d._util.text_files import parse_xml, parse_yaml
 from manip3d.errors import FormatError
 
@@ -68,6 +69,8 @@ class VelodyneCalibration:
     vertical_offset: NDArray[np.float64]
     horizontal_offset: NDArray[np.float64]
     range_unit: float = 0.002
+
+    __repr__ = short_repr
 
     def table(self) -> NDArray[np.float64]:
         """Return the attributes except ``range_unit`` as columns in their order, (L, 8) float64."""

@@ -97,6 +97,10 @@ class DataSet:
     page: str
     facts: Mapping[str, int] = field(default_factory=dict)
 
+    def __repr__(self) -> str:
+        size = f"{len(self.files)} files, {self.size / 1e6:.1f} MB"
+        return f"<manip3d.datasets.DataSet: {self.name}; {self.title}; {size}; {self.licence}>"
+
     @property
     def size(self) -> int:
         """Total size of all files as stored, in bytes."""

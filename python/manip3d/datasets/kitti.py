@@ -20,6 +20,7 @@ import numpy as np
 from manip3d._util.checked import checked
 from manip3d._util.linear import product
 from manip3d._util.paths import path_of
+from manip3d._util.reprs import short_repr
 from manip3d._util.text_files import parse_xml, text_of
 from manip3d.errors import FormatError, InputError
 from manip3d.io._files import regular_bytes
@@ -59,6 +60,8 @@ class KittiCalibration:
     projections: Mapping[int, NDArray[np.float64]]
     T_rect_velo: NDArray[np.float64]
     sizes: Mapping[int, tuple[int, int]] = field(default_factory=dict)
+
+    __repr__ = short_repr
 
     def project(
         self, points: ArrayLike, camera: int = 2

@@ -16,6 +16,7 @@ import numpy as np
 
 from manip3d._util.checked import checked
 from manip3d._util.paths import path_of
+from manip3d._util.reprs import short_repr
 from manip3d._util.text_files import text_of
 from manip3d._util.times import parse_time
 from manip3d.errors import FormatError
@@ -46,6 +47,8 @@ class RangeImageLayout:
     units_per_metre: float
     azimuth: NDArray[np.float64]
     elevation: NDArray[np.float64]
+
+    __repr__ = short_repr
 
     def points(self, ranges: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return points (H, W, 3) from ranges (H, W), all in metres; x forward, y left, z up."""

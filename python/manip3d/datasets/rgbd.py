@@ -16,6 +16,7 @@ import numpy as np
 
 from manip3d import Intrinsics
 from manip3d._util.checked import checked
+from manip3d._util.reprs import short_repr
 from manip3d._util.text_files import text_of
 from manip3d.datasets._registry import DataSet, get, require
 from manip3d.datasets._tables import data_file, table
@@ -61,6 +62,8 @@ class DepthFrame:
     is_registered: bool = False
     mask: NDArray[np.bool_] | None = None
     pose: NDArray[np.float64] | None = None
+
+    __repr__ = short_repr
 
     @property
     def person(self) -> NDArray[np.uint16] | NDArray[np.float32]:

@@ -15,6 +15,7 @@ import numpy as np
 
 from manip3d._util.checked import checked
 from manip3d._util.paths import path_of
+from manip3d._util.reprs import short_repr
 from manip3d.datasets._registry import DataFile, DataSet, get, locate, require
 from manip3d.datasets._tables import data_file, table
 from manip3d.errors import InputError
@@ -85,6 +86,8 @@ class RangeScan:
     points: NDArray[np.float64]
     valid: NDArray[np.bool_]
     pose: NDArray[np.float64]
+
+    __repr__ = short_repr
 
 
 @cache

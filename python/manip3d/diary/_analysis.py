@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from manip3d._util.checked import checked
 from manip3d._util.extras import imported
+from manip3d._util.reprs import short_repr
 from manip3d._util.shares import clopper_pearson
 from manip3d.diary._diary import Diary
 from manip3d.diary._protocol import Adherence, Protocol, adherence
@@ -87,6 +88,8 @@ class MixedModel:
     participants: int
     scores: int
 
+    __repr__ = short_repr
+
 
 @dataclass(frozen=True, eq=False)
 class DiaryAnalysis:
@@ -125,6 +128,8 @@ class DiaryAnalysis:
     adherence: Mapping[str, Adherence]
     adherence_slope: Estimate | None
     why_no_model: str = ""
+
+    __repr__ = short_repr
 
 
 @checked

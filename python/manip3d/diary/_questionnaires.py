@@ -15,6 +15,7 @@ from typing import Any, Literal, NoReturn, get_args
 from manip3d._util.checked import checked
 from manip3d._util.json import canonical_json
 from manip3d._util.paths import path_of
+from manip3d._util.reprs import short_repr
 from manip3d.errors import FormatError, InputError
 from manip3d.io._files import limited_bytes, write_new
 
@@ -90,6 +91,8 @@ class Questionnaire:
     name: str
     items: tuple[QuestionnaireItem, ...]
     scales: tuple[QuestionnaireScale, ...] = ()
+
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         _check_text(self.name, "name", _MAX_NAME)

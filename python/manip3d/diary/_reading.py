@@ -53,6 +53,9 @@ class DiaryReading(Closing):
         self.path = path_of(path)
         self._file = DiaryFile(self.path, require_key_material(key), create=create)
 
+    def __repr__(self) -> str:
+        return f"<manip3d.diary.Diary: {self.path}>"
+
     def close(self) -> None:
         """Close the file; may be called twice.
 

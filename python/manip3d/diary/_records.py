@@ -9,6 +9,7 @@ from datetime import date, datetime
 from pathlib import Path
 from typing import Literal
 
+from manip3d._util.reprs import short_repr
 from manip3d.diary._mcgill import McGillScore
 from manip3d.diary._questionnaires import OWNERSHIP, Questionnaire
 from manip3d.errors import FormatError, InputError
@@ -255,6 +256,8 @@ class DiarySession:
     begun: datetime | None = None
     answered: bool = True
 
+    __repr__ = short_repr
+
     @property
     def pain_before(self) -> int | None:
         """First rating if it was given before the first game or touch cue.
@@ -290,6 +293,8 @@ class McGill:
     ranks: tuple[int, ...]
     score: McGillScore
     number: int = field(default=0, compare=False)
+
+    __repr__ = short_repr
 
 
 @dataclass(frozen=True)

@@ -15,6 +15,7 @@ from typing import Any
 
 from manip3d._util.checked import checked
 from manip3d._util.paths import path_of
+from manip3d._util.reprs import short_repr
 from manip3d.diary import _schema as schema
 from manip3d.diary._file import connect, words_of
 from manip3d.diary._rows import check_payload, read_participant
@@ -45,6 +46,8 @@ class DiaryRescue:
     output: Path
     num_rows: int
     missing: tuple[str, ...]
+
+    __repr__ = short_repr
 
 
 @checked

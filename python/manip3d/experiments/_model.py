@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from manip3d._util.checked import checked
 from manip3d._util.json import canonical_json
+from manip3d._util.reprs import short_repr
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -145,6 +146,8 @@ class Verdict:
     findings: tuple[Finding, ...]
     unjudged: str = ""
     reported: bool = False
+
+    __repr__ = short_repr
 
     @property
     def holds(self) -> bool | None:
@@ -437,6 +440,9 @@ class Experiment:
     role: str = ""
     split: str = ""
     folders: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        return f"<manip3d.experiments.Experiment: {self.id}; {self.title}>"
 
 
 def by_model(rows: Sequence[Row]) -> Iterator[tuple[str, dict[str, Row]]]:

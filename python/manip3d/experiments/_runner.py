@@ -25,6 +25,7 @@ from manip3d._util.checked import checked
 from manip3d._util.fingerprint import code_fingerprint
 from manip3d._util.parallel import run_tasks
 from manip3d._util.paths import path_of
+from manip3d._util.reprs import short_repr
 from manip3d.batch import run_stored
 from manip3d.batch._table import csv_text
 from manip3d.errors import InputError
@@ -86,6 +87,8 @@ class RunSummary:
     skipped: list[str] = field(default_factory=list)
     kept: list[str] = field(default_factory=list)
     dropped: list[str] = field(default_factory=list)
+
+    __repr__ = short_repr
 
 
 @checked

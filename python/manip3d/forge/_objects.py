@@ -10,6 +10,7 @@ import numpy as np
 
 from manip3d import _core
 from manip3d._util.checked import checked
+from manip3d._util.reprs import short_repr
 from manip3d.errors import InputError
 from manip3d.lidar import Box, ScanLike, origin_of, to_scan
 
@@ -39,6 +40,8 @@ class Segmentation:
 
     label: NDArray[np.int32]
     boxes: tuple[Box, ...]
+
+    __repr__ = short_repr
 
     def rows(self, index: int) -> NDArray[np.int32]:
         """Return the rows of the points of one object.

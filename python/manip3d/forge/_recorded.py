@@ -12,6 +12,7 @@ from typing import overload
 import numpy as np
 
 from manip3d._util.checked import checked
+from manip3d._util.reprs import short_repr
 from manip3d.errors import InputError
 from manip3d.forge._plates import background_plate
 from manip3d.rgbd import RgbdFrame, check_frames
@@ -41,6 +42,8 @@ class RecordedPeople:
     frames: Iterable[RgbdFrame]
     step_ns: float
     plate: RgbdFrame | None
+
+    __repr__ = short_repr
 
 
 @checked

@@ -17,6 +17,7 @@ import numpy as np
 from manip3d import _core
 from manip3d._util.arrays import vector
 from manip3d._util.checked import checked
+from manip3d._util.reprs import short_repr
 from manip3d.camera import same_camera
 from manip3d.errors import InputError
 from manip3d.forge._plates import labels_of
@@ -57,6 +58,8 @@ class ForgedFrame:
     frame: RgbdFrame
     mask: Mask
     stage_ms: dict[str, float] = field(default_factory=dict)
+
+    __repr__ = short_repr
 
 
 class _Stopwatch:
@@ -155,6 +158,9 @@ class StreamForger:
         self._lock = threading.RLock()
         self.reset()
 
+    def __repr__(self) -> str:
+        return f"<manip3d.forge.StreamForger: type {self.kind}>"
+
     def reset(self) -> None:
         """Restart with the first background and pose, and forget past frames for smoothing."""
         with self._lock:
@@ -246,6 +252,9 @@ class ForgedStream:
         self._source, self._forger = source, forger
         self._bits: list[NDArray[np.uint8]] = []
         self._numbers: list[int] = []
+
+    def __repr__(self) -> str:
+        return f"<manip3d.forge.ForgedStream: type {self.kind}, {len(self._numbers)} frames forged>"
 
     def __iter__(self) -> Iterator[RgbdFrame]:
         return (forged.frame for forged in self.frames())

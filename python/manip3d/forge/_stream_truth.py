@@ -14,6 +14,7 @@ import numpy as np
 
 from manip3d._util.checked import checked
 from manip3d._util.paths import path_of
+from manip3d._util.reprs import short_repr
 from manip3d.errors import FormatError, InputError
 from manip3d.io._files import atomic_write, regular_bytes
 
@@ -44,6 +45,8 @@ class StreamTruth:
     kind: int
     masks: Mask
     numbers: NDArray[np.int64]
+
+    __repr__ = short_repr
 
     def write(self, path: str | os.PathLike[str]) -> None:
         """Write the ground truth as a NumPy archive (``.npz``), atomically.

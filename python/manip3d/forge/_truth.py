@@ -14,6 +14,7 @@ from manip3d import _core
 from manip3d._util.arrays import rows
 from manip3d._util.mappings import ReadOnlyMapping
 from manip3d._util.options import threads_of
+from manip3d._util.reprs import short_repr
 from manip3d._util.showing import Showable
 from manip3d.errors import InputError
 from manip3d.lidar import Box, LidarFrame, Scan
@@ -135,6 +136,8 @@ class Lattice:
     rings: NDArray[np.float64]
     azimuth_step: float = 0.0
     azimuth_phase: float = 0.0
+
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "rings", rows(self.rings, 2, np.float64, "rings"))

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from manip3d._util.checked import checked
 from manip3d._util.paths import path_of
+from manip3d._util.reprs import short_repr
 from manip3d._util.texts import float_or_nan
 from manip3d.errors import FormatError, InputError
 from manip3d.io._files import over_max_bytes, regular_bytes
@@ -60,6 +61,8 @@ class Motion:
     parents: tuple[int, ...]
     positions: NDArray[np.float64] = field(repr=False)
     frame_s: float
+
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         joints = len(self.names)

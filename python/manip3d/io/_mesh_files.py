@@ -11,6 +11,7 @@ from pathlib import Path
 from manip3d import _core
 from manip3d._util.checked import checked
 from manip3d._util.paths import path_of
+from manip3d._util.reprs import short_repr
 from manip3d.errors import FormatError, InputError
 from manip3d.io import _collada, _three_mf
 from manip3d.io._draco import decode_draco
@@ -53,6 +54,8 @@ class ReadReport:
     num_polygons: int
     num_skipped: int
     warnings: tuple[str, ...]
+
+    __repr__ = short_repr
 
 
 def _report(

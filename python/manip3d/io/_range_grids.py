@@ -10,6 +10,7 @@ import numpy as np
 
 from manip3d import _core
 from manip3d._util.checked import checked
+from manip3d._util.reprs import short_repr
 from manip3d.errors import FormatError
 from manip3d.io._files import refuse_pointer
 from manip3d.io._limits import byte_limit, check_points, clock
@@ -45,6 +46,8 @@ class RangeGrid:
     points: NDArray[np.float64]
     valid: NDArray[np.bool_]
     color: NDArray[np.uint8] | None = None
+
+    __repr__ = short_repr
 
 
 @checked

@@ -173,6 +173,10 @@ class Scene:
     _buffer: bytes = field(repr=False)
     _nodes_of_file: tuple[SceneNode, ...] = field(repr=False)
 
+    def __repr__(self) -> str:
+        faces = f"{self.num_stored_faces} faces"
+        return f"<manip3d.io.Scene: {len(self.nodes)} nodes, {len(self.meshes)} meshes, {faces}>"
+
     @property
     def num_uses(self) -> NDArray[np.int64]:
         """Number of times that each mesh is drawn, (M,): once per drawn node or instance."""

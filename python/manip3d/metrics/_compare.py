@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, TypeVar
 
 from manip3d._util.checked import checked
 from manip3d._util.options import reporting
+from manip3d._util.reprs import short_repr
 from manip3d.metrics._boundary_gap import BoundaryGap, boundary_gap
 from manip3d.metrics._color_error import ColorError, color_error
 from manip3d.metrics._distances import MetroResult, metro
@@ -49,6 +50,8 @@ class Comparison:
     color_error: ColorError | None
     fmpd: FmpdResult
     boundary_gap: BoundaryGap
+
+    __repr__ = short_repr
 
 
 @checked

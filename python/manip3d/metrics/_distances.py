@@ -12,6 +12,7 @@ from manip3d import _core
 from manip3d._util.arrays import as_array, rows, vector, warn_of_rounding
 from manip3d._util.checked import checked
 from manip3d._util.options import reporting, seed_of, threads_of
+from manip3d._util.reprs import short_repr
 from manip3d.errors import InputError
 
 if TYPE_CHECKING:
@@ -38,6 +39,8 @@ class ClosestPoints:
     distance: NDArray[np.float64]
     face: NDArray[np.int32]
     point: NDArray[np.float64]
+
+    __repr__ = short_repr
 
 
 @dataclass(frozen=True)

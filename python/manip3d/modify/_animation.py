@@ -10,6 +10,7 @@ import numpy as np
 from manip3d import _core
 from manip3d._util.arrays import as_array, rows
 from manip3d._util.checked import checked
+from manip3d._util.reprs import short_repr
 from manip3d.camera import Intrinsics
 from manip3d.errors import InputError
 from manip3d.rgbd import Skeleton
@@ -42,6 +43,8 @@ class AnimationMesh:
     labels: NDArray[np.uint8]
     faces: NDArray[np.int32]
 
+    __repr__ = short_repr
+
 
 @dataclass(frozen=True, eq=False)
 class Animated:
@@ -57,6 +60,8 @@ class Animated:
 
     vertices: NDArray[np.float32]
     skeleton: Skeleton
+
+    __repr__ = short_repr
 
 
 @checked

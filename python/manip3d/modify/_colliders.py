@@ -10,6 +10,7 @@ import numpy as np
 from manip3d import _core
 from manip3d._util.arrays import rows
 from manip3d._util.checked import checked
+from manip3d._util.reprs import short_repr
 from manip3d.errors import InputError
 
 if TYPE_CHECKING:
@@ -48,6 +49,8 @@ class BodyColliders:
     torso_axes: NDArray[np.float32]
     torso_half_size: NDArray[np.float32]
 
+    __repr__ = short_repr
+
 
 @dataclass(frozen=True, eq=False)
 class Hits:
@@ -66,6 +69,8 @@ class Hits:
     time: NDArray[np.float64]
     bone: NDArray[np.int8]
     point: NDArray[np.float32]
+
+    __repr__ = short_repr
 
 
 def _colliders(

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Literal
 
 from manip3d import _core
 from manip3d._util.checked import checked
+from manip3d._util.reprs import short_repr
 from manip3d.rgbd import RgbdFrame, Skeleton
 
 if TYPE_CHECKING:
@@ -109,6 +110,8 @@ class Placement:
     right: NDArray[np.float32]
     stable_frames: int
     frozen: bool
+
+    __repr__ = short_repr
 
 
 @checked

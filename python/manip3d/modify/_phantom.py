@@ -13,6 +13,7 @@ from manip3d import _core
 from manip3d._util.arrays import as_array
 from manip3d._util.checked import checked
 from manip3d._util.linear import product
+from manip3d._util.reprs import short_repr
 from manip3d.camera import Intrinsics, same_camera
 from manip3d.errors import InputError
 from manip3d.modify._level import level_rotation, turned_skeleton
@@ -219,6 +220,8 @@ class BodyPlane:
     origin: NDArray[np.float64]
     normal: NDArray[np.float64]
 
+    __repr__ = short_repr
+
     def __call__(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """Reflect points (..., 3)."""
         off = product(points - self.origin, self.normal)
@@ -313,6 +316,10 @@ class PhantomFrame:
     seconds: dict[str, float] = field(repr=False)
     color: NDArray[np.uint8] | None = field(default=None, repr=False)
     phantom_color: NDArray[np.uint8] | None = field(default=None, repr=False)
+
+    def __repr__(self) -> str:
+        sizes = f"{len(self.vertices)} vertices, {len(self.faces)} faces"
+        return f"<manip3d.modify.PhantomFrame: {self.state}; {sizes}>"
 
     @property
     def phantom(self) -> NDArray[np.bool_]:
@@ -546,6 +553,7 @@ class PhantomPipeline:
         max_depth_step: float = 0.05,
         texturing: Texturing = "source",
     ) -> None:
+        self._affected, self._mode = affected, mode
         options = _core.PhantomOptions()
         options.affected = _limb(affected)
         options.mode = _MODES[mode]
@@ -571,6 +579,9 @@ class PhantomPipeline:
         self._camera: Intrinsics | None = None  # the one that the core knows
         self._newest: Intrinsics | None = None  # an equal one of the last frame
         self._lock = threading.RLock()
+
+    def __repr__(self) -> str:
+        return f"<manip3d.modify.PhantomPipeline: {self._affected}, {self._mode}>"
 
     def process(self, frame: RgbdFrame) -> PhantomFrame:
         """Process the next frame.
@@ -712,6 +723,8 @@ class BodyMirror:
     origin: NDArray[np.float64]
     skeleton: Skeleton
 
+    __repr__ = short_repr
+
     def __call__(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """Mirror points (..., 3)."""
         return product(points, self.linear.T) + self.offset
@@ -787,6 +800,8 @@ class BodySegmentation:
 
     labels: NDArray[np.uint8]
     distances: NDArray[np.float32]
+
+    __repr__ = short_repr
 
 
 @checked

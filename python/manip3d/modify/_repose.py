@@ -12,6 +12,7 @@ from manip3d import _core
 from manip3d._util.arrays import rows
 from manip3d._util.checked import checked
 from manip3d._util.options import threads_of
+from manip3d._util.reprs import short_repr
 from manip3d.errors import InputError
 from manip3d.rgbd import JOINTS, Skeleton
 
@@ -39,6 +40,8 @@ class Reposed:
 
     vertices: NDArray[Any]
     skeleton: Skeleton
+
+    __repr__ = short_repr
 
 
 @checked

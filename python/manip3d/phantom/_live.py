@@ -18,6 +18,7 @@ from urllib.parse import parse_qs, urlsplit
 from manip3d._util.callers import caller_level
 from manip3d._util.checked import checked
 from manip3d._util.extras import require
+from manip3d._util.reprs import short_repr
 from manip3d.errors import DeviceError, FormatError, InputError
 from manip3d.modify import Limb, PoseTracker
 from manip3d.phantom._diary import DiaryRecorder
@@ -94,6 +95,8 @@ class LiveReport:
     games: tuple[GameSummary, ...]
     unkept: tuple[str, ...] = ()
     lost_log_lines: int = 0
+
+    __repr__ = short_repr
 
 
 @checked

@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
+from manip3d._util.reprs import short_repr
 from manip3d.phantom._anomalies import Anomaly
 from manip3d.phantom._felt import FeltLimb
 from manip3d.phantom._touch import Mode
@@ -122,3 +123,5 @@ class GameSummary:
     anomalies: tuple[Anomaly, ...] = ()
     limb: str = ""
     tracked: float | None = None
+
+    __repr__ = short_repr

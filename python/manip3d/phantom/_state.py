@@ -11,6 +11,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from manip3d._util.reprs import short_repr
 from manip3d.rgbd import JOINTS, NOT_TRACKED, TRACKED, Skeleton
 
 SIDES = ("left", "right")
@@ -297,6 +298,8 @@ class GameState:
     targets: tuple[Target, ...] = ()
     stains: tuple[Point, ...] = ()
     events: tuple[Event, ...] = ()
+
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         if self.by_bone is None:

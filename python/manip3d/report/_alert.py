@@ -124,6 +124,9 @@ class AlertTimeline:
         self._scenes: list[_Scene] = []
         self._last = ""
 
+    def __repr__(self) -> str:
+        return f"<manip3d.report.AlertTimeline: {self.source}, {len(self._records)} frames>"
+
     @checked
     def add(self, alert: Alert) -> None:
         """Add the next frame.

@@ -413,6 +413,9 @@ class LocalServer:
         self._thread: threading.Thread | None = None
         self._lock = threading.Lock()
 
+    def __repr__(self) -> str:
+        return f"<manip3d.serve.LocalServer: {self.host}:{self.port}, {self.num_clients} streams>"
+
     # --- from any thread -------------------------------------------------------------------------
 
     def new_url(self) -> str:

@@ -15,6 +15,7 @@ from manip3d._util.checked import checked
 from manip3d._util.memory import available_bytes
 from manip3d._util.options import reporting
 from manip3d._util.paths import path_of
+from manip3d._util.reprs import short_repr
 from manip3d.errors import FormatError, InputError
 from manip3d.io import DEPTH_SUFFIXES, RangeGrid, read_range_grid, write_mesh
 from manip3d.io._depth_units import depth_reading
@@ -119,6 +120,8 @@ class JointFileResult:
     unit: str = ""
     unit_guessed: bool = False
     without_ray: int = 0
+
+    __repr__ = short_repr
 
     @property
     def is_sparse(self) -> bool:

@@ -11,6 +11,7 @@ import numpy as np
 from manip3d import _core
 from manip3d._util.arrays import checked_grid, rows
 from manip3d._util.linear import product
+from manip3d._util.reprs import short_repr
 from manip3d.camera import Intrinsics, Registration, checked_depth
 from manip3d.errors import InputError
 from manip3d.simplify._arguments import checked_color
@@ -59,6 +60,8 @@ class CameraView:
     rows_up: bool = True
     mask: ArrayLike | None = None
     confidence: ArrayLike | None = None
+
+    __repr__ = short_repr
 
 
 @dataclass

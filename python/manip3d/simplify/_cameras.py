@@ -97,6 +97,10 @@ class JointSimplification(Showable):
     _threads: int = field(repr=False)
     _steps: GapRules = field(repr=False)
 
+    def __repr__(self) -> str:
+        sizes = f"{self.num_vertices} vertices, {self.num_faces} faces, {len(self.views)} views"
+        return f"<manip3d.simplify.JointSimplification: {sizes}>"
+
     @property
     def num_vertices(self) -> int:
         """Number of vertices."""

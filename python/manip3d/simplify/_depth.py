@@ -15,6 +15,7 @@ from manip3d import _core
 from manip3d._util.arrays import checked_grid, index_rows
 from manip3d._util.checked import checked
 from manip3d._util.options import threads_of
+from manip3d._util.reprs import short_repr
 from manip3d._util.showing import Showable
 from manip3d.camera import Intrinsics, Registration, checked_depth
 from manip3d.errors import InputError
@@ -233,6 +234,8 @@ class DenseGrid:
     depth_step: float = math.inf
     focal: float = 0.0
 
+    __repr__ = short_repr
+
     @property
     def grid(self) -> DenseGrid:
         """This grid."""
@@ -271,6 +274,8 @@ class DenseImage:
     intrinsics: Intrinsics
     max_edge: float
     depth_step: float = math.inf
+
+    __repr__ = short_repr
 
     @property
     def focal(self) -> float:
@@ -694,6 +699,9 @@ class Cs3Stream:
         self._pool: list[_Buffers | None] = [None] * (count_of(frames, "frames") if frames else 0)
         self._next = 0
         self._lock = threading.RLock()
+
+    def __repr__(self) -> str:
+        return f"<manip3d.simplify.Cs3Stream: {self._options.target_points} points a frame>"
 
     def _buffers(self, shape: tuple[int, ...]) -> _Buffers:
         capacity = min(self._options.target_points, shape[0] * shape[1])

@@ -261,6 +261,10 @@ class DepthFileResult:
     without_ray: int = 0
     unsure_pixels: int = 0
 
+    def __repr__(self) -> str:
+        sizes = f"{self.points} points, {self.faces} faces"
+        return f"<manip3d.simplify.DepthFileResult: {self.output}, {sizes}; {self.stop}>"
+
     @property
     def is_sparse(self) -> bool:
         """Whether most measured pixels stand alone, as in a LiDAR scan projected into an image.

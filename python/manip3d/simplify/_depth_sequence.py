@@ -66,6 +66,9 @@ class DepthSequence:
         self._smoothing = Smoothing()
         self._lock = threading.Lock()
 
+    def __repr__(self) -> str:
+        return f"<manip3d.simplify.DepthSequence: {self._options.points or 'all'} points a frame>"
+
     @property
     def options(self) -> DepthOptions:
         """Options of all images."""

@@ -14,6 +14,7 @@ import numpy as np
 from manip3d import _core
 from manip3d._util.checked import checked
 from manip3d._util.options import shares, sharing
+from manip3d._util.reprs import short_repr
 from manip3d.errors import InputError
 from manip3d.simplify._collapse import METHODS, SimplifyResult
 from manip3d.simplify._quality import QualityResult, fast, quality
@@ -48,6 +49,11 @@ class LodLevel:
     mesh: Mesh = field(repr=False)
     max_error: float
 
+    def __repr__(self) -> str:
+        return (
+            f"<manip3d.simplify.LodLevel: {self.num_faces} faces, max_error {self.max_error:.4g}>"
+        )
+
     @property
     def num_faces(self) -> int:
         """Number of faces of this level."""
@@ -72,6 +78,10 @@ class LodChain:
     levels: tuple[LodLevel, ...]
     result: SimplifyResult | QualityResult = field(repr=False)
     error_measure: str = ""
+
+    def __repr__(self) -> str:
+        faces = ", ".join(str(level.num_faces) for level in self.levels)
+        return f"<manip3d.simplify.LodChain: {faces} faces>"
 
     def write(
         self,
@@ -282,6 +292,8 @@ class SharedBudget:
     num_faces: int
     max_error: float
     reached: bool
+
+    __repr__ = short_repr
 
 
 @checked

@@ -13,6 +13,7 @@ from manip3d._util.checked import checked
 from manip3d._util.options import reporting
 from manip3d._util.paths import path_of
 from manip3d._util.regular_files import open_regular
+from manip3d._util.reprs import short_repr
 from manip3d.errors import FormatError, InputError
 from manip3d.rgbd import RgbdFrame
 from manip3d.simplify._depth_files import frame_alone, from_depth
@@ -42,6 +43,8 @@ class RecordingResult:
 
     frames: tuple[DepthFileResult, ...]
     failed: Mapping[int, str]
+
+    __repr__ = short_repr
 
 
 @checked

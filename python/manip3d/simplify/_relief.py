@@ -623,6 +623,10 @@ class ReliefStream:
         self._smoother = _core.DepthSmoother(float(newest_share), float(gate))
         self._lock = threading.RLock()
 
+    def __repr__(self) -> str:
+        pixels = f"{self._intrinsics.width} x {self._intrinsics.height} pixels"
+        return f"<manip3d.simplify.ReliefStream: {self._most_points} points of {pixels}>"
+
     def simplify(
         self,
         depth: ArrayLike,

@@ -89,6 +89,10 @@ class SceneResult:
     stop: StopReason
     result: _Result = field(repr=False)
 
+    def __repr__(self) -> str:
+        error = f"max_error {self.max_error:.4g}"
+        return f"<manip3d.simplify.SceneResult: {self.scene.num_faces} faces, {error}; {self.stop}>"
+
 
 @dataclass(frozen=True)
 class SceneLevel:
@@ -104,6 +108,11 @@ class SceneLevel:
 
     scene: Scene = field(repr=False)
     max_error: float
+
+    def __repr__(self) -> str:
+        return (
+            f"<manip3d.simplify.SceneLevel: {self.num_faces} faces, max_error {self.max_error:.4g}>"
+        )
 
     @property
     def num_faces(self) -> int:
@@ -128,6 +137,10 @@ class SceneLods:
     levels: tuple[SceneLevel, ...]
     result: _Result = field(repr=False)
     error_measure: str = ""
+
+    def __repr__(self) -> str:
+        faces = ", ".join(str(level.num_faces) for level in self.levels)
+        return f"<manip3d.simplify.SceneLods: {faces} faces>"
 
     def write(
         self,

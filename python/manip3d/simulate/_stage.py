@@ -42,6 +42,9 @@ class Mover:
     yaw: float
     speed: float
 
+    def __repr__(self) -> str:
+        return f"<manip3d.simulate.streets.Mover: {self.label.title}, {self.speed:.1f} m/s>"
+
     @property
     def velocity(self) -> NDArray[np.float64]:
         """Velocity in the world's frame, (3,), metres per second."""

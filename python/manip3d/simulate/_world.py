@@ -99,6 +99,10 @@ class World:
     surfaces: tuple[Surface, ...]
     boxes: tuple[Box, ...]
 
+    def __repr__(self) -> str:
+        sizes = f"{len(self.vertices)} vertices, {len(self.faces)} faces"
+        return f"<manip3d.simulate.scenes.World: {sizes}, {len(self.boxes)} objects>"
+
     def caster(self) -> RayCaster:
         """Build the search structure for rays."""
         return RayCaster(self.vertices, self.faces)

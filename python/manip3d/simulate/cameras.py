@@ -16,6 +16,7 @@ from manip3d._util.checked import checked
 from manip3d._util.linear import product
 from manip3d._util.mappings import ReadOnlyMapping
 from manip3d._util.options import generator_of
+from manip3d._util.reprs import short_repr
 from manip3d.authenticate import StereoRig
 from manip3d.errors import InputError
 from manip3d.simulate._stage import Mover, Stage
@@ -82,6 +83,8 @@ class StereoPair:
     right: NDArray[np.uint8]
     depth: Floats
     object: NDArray[np.int32]
+
+    __repr__ = short_repr
 
     @property
     def disparity(self) -> Floats:

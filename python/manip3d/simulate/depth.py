@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from manip3d import Intrinsics
 from manip3d._util.linear import product
 from manip3d._util.options import seed_of
+from manip3d._util.reprs import short_repr
 from manip3d.errors import InputError
 
 if TYPE_CHECKING:
@@ -50,6 +51,8 @@ class DepthCapture:
     flying: NDArray[np.bool_]
     dropped: NDArray[np.bool_]
 
+    __repr__ = short_repr
+
 
 @dataclass(frozen=True)
 class DepthScene:
@@ -75,6 +78,8 @@ class DepthScene:
     color: NDArray[np.uint8]
     slant: Array
     intrinsics: Intrinsics
+
+    __repr__ = short_repr
 
     def capture(
         self,

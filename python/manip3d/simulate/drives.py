@@ -91,6 +91,13 @@ class DriveFrame:
     velocity: tuple[float, float, float] = (0.0, 0.0, 0.0)
     around: Mapping[str, StereoPair] = field(default_factory=dict)
 
+    def __repr__(self) -> str:
+        pairs = len(self.around) or int(self.pictures is not None)
+        parts = [f"{len(self.scan.points)} points", f"{len(self.boxes)} boxes"]
+        if pairs:
+            parts.append(f"{pairs} stereo pair{'s' if pairs > 1 else ''}")
+        return f"<manip3d.simulate.DriveFrame: {', '.join(parts)}; t = {self.time_s:.3f} s>"
+
 
 @checked
 def drive(

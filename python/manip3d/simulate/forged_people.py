@@ -21,6 +21,7 @@ from manip3d._util.fingerprint import code_fingerprint
 from manip3d._util.options import fraction_only, reporting
 from manip3d._util.paths import path_of
 from manip3d._util.remaining import RemainingTime
+from manip3d._util.reprs import short_repr
 from manip3d.batch import Rows, run_stored, write_table
 from manip3d.errors import InputError
 from manip3d.io._files import atomic_write
@@ -73,6 +74,8 @@ class ForgedPeople:
     rows: list[dict[str, Any]]
     resumed: int
     failed: int
+
+    __repr__ = short_repr
 
 
 @checked

@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 from manip3d._util.arrays import read_only
 from manip3d._util.checked import checked
 from manip3d._util.options import generator_of
+from manip3d._util.reprs import short_repr
 from manip3d.errors import InputError
 from manip3d.lidar import LidarFrame
 from manip3d.simulate._glass import lost
@@ -119,6 +120,8 @@ class LidarScan:
     firing: NDArray[np.uint16]
     encoder: NDArray[np.int16]
     time: Doubles
+
+    __repr__ = short_repr
 
     @property
     def frame(self) -> LidarFrame:

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from manip3d._util.arrays import read_only
 from manip3d._util.checked import checked
 from manip3d._util.linear import product
+from manip3d._util.reprs import short_repr
 from manip3d.camera import CAMERA_PRESETS, Intrinsics, Registration
 from manip3d.errors import InputError
 from manip3d.mesh import Mesh
@@ -133,6 +134,8 @@ class BodyTruth:
     _figure: PosedFigure = field(repr=False)
     _skin: Skin = field(repr=False)
 
+    __repr__ = short_repr
+
     def body(self) -> Mesh:
         """Return the surface of the whole person, with all limbs."""
         skin = self._skin
@@ -224,6 +227,8 @@ class BodyCapture:
 
     frame: RgbdFrame
     truth: BodyTruth
+
+    __repr__ = short_repr
 
 
 @checked
@@ -393,6 +398,10 @@ class BodySimulator:
             for name, number in _TRACKERS[self.tracker].items():
                 if not getattr(self, name):
                     object.__setattr__(self, name, number)
+
+    def __repr__(self) -> str:
+        without = f", without {self.amputated}" if self.amputated else ""
+        return f"<manip3d.simulate.BodySimulator: {self.motion}{without}, {self.frames} frames>"
 
     def _check_choices(self) -> None:
         for name, value, choices in (

@@ -69,6 +69,11 @@ class Street:
     speed: float
     sway: float
 
+    def __repr__(self) -> str:
+        faces = f"{len(self.world.faces)} faces"
+        car = f"car at {self.speed:.1f} m/s for {self.duration:.1f} s"
+        return f"<manip3d.simulate.Street: {faces}, {len(self.movers)} movers; {car}>"
+
     @functools.cached_property
     def stage(self) -> Stage:
         """World and movers, ready for ray casting; built once."""

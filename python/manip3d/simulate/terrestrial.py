@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from manip3d._util.checked import checked
 from manip3d._util.options import generator_of, reporting
+from manip3d._util.reprs import short_repr
 from manip3d.errors import InputError
 from manip3d.lidar import LidarFrame
 from manip3d.simulate._glass import lost
@@ -75,6 +76,8 @@ class TerrestrialScan:
     resolution_deg: float
     first_azimuth_deg: float
     first_elevation_deg: float
+
+    __repr__ = short_repr
 
     @property
     def frame(self) -> LidarFrame:

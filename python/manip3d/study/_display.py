@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from manip3d._util.reprs import short_repr
 from manip3d.study._definition import Common, Section
 from manip3d.study._engine import ListedStudy
 from manip3d.study._steps import Field, Step, Value
@@ -70,6 +71,8 @@ class DisplayStudy(ListedStudy):
     task: tuple[str, ...]
     parts: tuple[Part, ...]
     _orders: tuple[tuple[int, ...], ...] = field(init=False, repr=False, compare=False)
+
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         count = len(self.displays)

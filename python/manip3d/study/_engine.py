@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 
 from manip3d._util.checked import checked
+from manip3d._util.reprs import short_repr
 from manip3d.errors import FormatError, InputError
 from manip3d.serve import Kind, Limits, LocalServer, Page, StreamClient, bundled_pages, read_message
 from manip3d.study._definition import Common
@@ -506,6 +507,8 @@ class StudyReport:
     participants: Mapping[str, str]
     answers: int
     refused: Mapping[str, int]
+
+    __repr__ = short_repr
 
 
 @checked

@@ -17,6 +17,7 @@ from manip3d._util.checked import checked
 from manip3d._util.csv_tables import csv_records
 from manip3d._util.extras import imported
 from manip3d._util.options import generator_of
+from manip3d._util.reprs import short_repr
 from manip3d._util.texts import float_or_nan
 from manip3d.errors import FormatError, InputError
 from manip3d.study._definition import Common, Section
@@ -87,6 +88,8 @@ class Staircase:
     highest: int = 95
     trials: list[tuple[int, bool]] = field(default_factory=list)
     reversals: list[int] = field(default_factory=list)
+
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         self._right = 0
@@ -280,6 +283,8 @@ class JndStudy(Study):
     turn_s: float
     stimuli: Path | None
     base: Path | None = None
+
+    __repr__ = short_repr
 
     @classmethod
     def read(cls, top: Section, base: Path | None) -> JndStudy:

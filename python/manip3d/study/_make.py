@@ -9,6 +9,7 @@ from pathlib import Path
 
 from manip3d._util.checked import checked
 from manip3d._util.paths import path_of
+from manip3d._util.reprs import short_repr
 from manip3d.errors import InputError
 from manip3d.study._definition import Section, read_table
 from manip3d.study._jnd import JndStudy, make_jnd_stimuli
@@ -35,6 +36,8 @@ class MadeStimuli:
     folder: Path
     count: int
     problems: tuple[str, ...]
+
+    __repr__ = short_repr
 
 
 @checked

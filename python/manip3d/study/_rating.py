@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from manip3d._util.csv_tables import csv_rows
+from manip3d._util.reprs import short_repr
 from manip3d.errors import FormatError, InputError
 from manip3d.study._agreement import fleiss_kappa_interval, share_interval
 from manip3d.study._definition import Common, Section
@@ -163,6 +164,8 @@ class RatingStudy(ListedStudy):
     reason: str
     stimuli: Path | None
     _keys: Mapping[Item, str] = field(init=False, repr=False, compare=False)
+
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         keys = {item: f"i{place:03d}" for place, item in enumerate(self.items)}

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from typing import Any, Literal, TypeAlias
 
 from manip3d._util.checked import checked
+from manip3d._util.reprs import short_repr
 from manip3d.errors import FormatError
 from manip3d.serve import Kind
 
@@ -174,6 +175,8 @@ class Step:
     minimum_s: float = 0.0
     button: str = "Continue"
     condition: Mapping[str, Any] = field(default_factory=dict)
+
+    __repr__ = short_repr
 
     def message(self, *, px_per_degree: float | None) -> dict[str, Any]:
         """Return the description of the step for the page, without the truth.

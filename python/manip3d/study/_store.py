@@ -19,6 +19,7 @@ from manip3d._util.closing import Closing
 from manip3d._util.durable import sync_folder
 from manip3d._util.locks import locked_file
 from manip3d._util.paths import path_of
+from manip3d._util.reprs import short_repr
 from manip3d.errors import FormatError, InputError
 from manip3d.io._files import atomic_write, limited_bytes, regular_bytes
 from manip3d.study._steps import Value
@@ -88,6 +89,8 @@ class Session:
     number: int
     answers: list[Answer] = field(default_factory=list)
     screen: dict[str, float] = field(default_factory=dict, compare=False)
+
+    __repr__ = short_repr
 
     def answer(self, step: str) -> Answer | None:
         """Return the answer to a step; None: there is none.
@@ -190,6 +193,9 @@ class StudyFolder(Closing):
         except BaseException:
             self.close()
             raise
+
+    def __repr__(self) -> str:
+        return f"<manip3d.study.StudyFolder: {self.path}, {len(self.sessions)} participants>"
 
     def _locked(self) -> int:
         """Create the folder if it is absent, and lock it against other writers."""

@@ -11,6 +11,7 @@ import numpy as np
 
 from manip3d._util.arrays import as_array, rows
 from manip3d._util.checked import checked
+from manip3d._util.reprs import short_repr
 from manip3d._util.showing import Showable
 from manip3d.errors import InputError
 from manip3d.lidar import Box, box_corners
@@ -82,6 +83,8 @@ class Scale:
     unit: str = ""
     limits: tuple[float, float] | None = None
 
+    __repr__ = short_repr
+
     @cached_property
     def ends(self) -> tuple[float, float]:
         """Return the values of the first and of the last colour."""
@@ -138,6 +141,8 @@ class Classes:
     labels: Sequence[str]
     palette: Sequence[Rgb]
     emphasis: Sequence[int] = ()
+
+    __repr__ = short_repr
 
     def colors(self) -> Image:
         """Return (N, 3) uint8: the colour of each point."""
@@ -215,6 +220,8 @@ class Lines:
     ends: Points
     color: Rgb
     in_front: bool = False
+
+    __repr__ = short_repr
 
 
 @checked
