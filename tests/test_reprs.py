@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 import manip3d
-from manip3d import Intrinsics, LidarFrame, authenticate, modify, simplify, simulate
+from manip3d import Intrinsics, LidarFrame, authenticate, metrics, modify, simplify, simulate
 from manip3d._util.reprs import short_repr
 
 WITHOUT_REPR = {
@@ -73,6 +73,7 @@ def levels() -> simplify.LodChain:
 
 HILL = 2.0 - 0.1 * np.hypot(*np.mgrid[-1:1:48j, -1:1:64j]).astype(np.float32)
 VIEW = simplify.CameraView(HILL, CAMERA)
+FLOOR = simulate.models.floor(2, 2)
 NOTHING = LidarFrame(np.zeros((0, 3), np.float32))
 
 
@@ -100,6 +101,9 @@ SHOWN: dict[str, Callable[[], object]] = {
     "simplify.LodLevel: 500 faces, max_error .*": lambda: levels().levels[1],
     "simplify.ReliefStream: 99 points of 64 x 48 pixels": lambda: simplify.ReliefStream(CAMERA, 99),
     "simplify.Cs3Stream: 99 points a frame": lambda: simplify.Cs3Stream(99),
+    "metrics.Comparison: 8 of 8 faces; distance .* rms, .* at most, of the .* diagonal": lambda: (
+        metrics.compare(FLOOR, FLOOR)
+    ),
     "authenticate.SensorLattice: 64 lasers, 4000 counts per turn, ranges in 2 mm": (
         authenticate.kitti_lattice
     ),

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, TypeVar
 
 from manip3d._util.checked import checked
 from manip3d._util.options import reporting
-from manip3d._util.reprs import short_repr
 from manip3d.metrics._boundary_gap import BoundaryGap, boundary_gap
 from manip3d.metrics._color_error import ColorError, color_error
 from manip3d.metrics._distances import MetroResult, metro
@@ -51,7 +50,10 @@ class Comparison:
     fmpd: FmpdResult
     boundary_gap: BoundaryGap
 
-    __repr__ = short_repr
+    def __repr__(self) -> str:
+        faces = f"{self.faces[1]} of {self.faces[0]} faces"
+        distance = f"distance {self.metro_area.rms:.3g} rms, {self.metro_area.max:.3g} at most"
+        return f"<manip3d.metrics.Comparison: {faces}; {distance}, of the bounding box's diagonal>"
 
 
 @checked
