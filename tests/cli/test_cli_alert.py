@@ -18,7 +18,9 @@ from typer.testing import CliRunner, Result
 
 from command_line import error_line
 from command_line import manip3d as run
+from manip3d import LidarFrame
 from manip3d.authenticate import AlertMonitor
+from manip3d.capture import open_drive, watched_recording
 from manip3d.cli import app
 from manip3d.cli.alert import _View
 from manip3d.cli.terminal import Terminal
@@ -150,6 +152,39 @@ def test_an_unreadable_scan_is_one_undecidable_frame(drive: Path, tmp_path: Path
     done = run("alert", "run", str(signed), "--key", str(key), "--json")
     assert done.returncode == 4, done.stderr
     assert "the scan holds no points" in json.loads(done.stdout)["frames"][1]["reason"]
+
+
+@pytest.mark.parametrize("layout", ["raw", "flat"])
+def test_labels_of_points_silence_no_alarm(drive: Path, tmp_path: Path, layout: str) -> None:
+    """A scan that lost points no longer fits its labels; a damaged label is no sign of forgery."""
+    if layout == "flat":  # as in SemanticKITTI
+        (drive / "velodyne_points" / "data").rename(drive / "velodyne")
+        shutil.rmtree(drive / "velodyne_points")
+        shutil.rmtree(drive / "oxts")
+    key, signed = key_file(tmp_path / "sensor.key"), tmp_path / "signed"
+    embedded(drive, key, signed)
+    beside = signed / "velodyne_points" if layout == "raw" else signed
+    scans = beside / "data" if layout == "raw" else signed / "velodyne"
+    (beside / "labels").mkdir()
+    for scan in scans.glob("*.bin"):
+        labels = np.zeros(scan.stat().st_size // 16, "<u4")
+        (beside / "labels" / f"{scan.stem}.label").write_bytes(labels.tobytes())
+    middle = sorted(scans.glob("*.bin"))[1]
+
+    label = beside / "labels" / f"{middle.stem}.label"
+    label.write_bytes(label.read_bytes()[:-7])
+    done = run("alert", "run", str(signed), "--key", str(key), "--json")
+    assert (done.returncode, json.loads(done.stdout)["verdict"]) == (0, "authentic")
+
+    middle.write_bytes(middle.read_bytes()[: -16 * 20])
+    done = run("alert", "run", str(signed), "--key", str(key), "--json")
+    assert done.returncode == 3, done.stdout
+    frames = json.loads(done.stdout)["frames"]
+    assert [frame["verdict"] for frame in frames] == ["authentic", "tampered", "authentic"]
+    for recording in (open_drive(f"kitti:{signed}"), open_drive(signed)):
+        assert [scan.num_points for scan in recording if scan is not None] == [3000, 2980, 3000]
+    moments = list(watched_recording(f"kitti:{signed}").moments)
+    assert [isinstance(moment.frame, LidarFrame) for moment in moments] == [True] * 3
 
 
 def test_scans_that_became_arrays_are_frames_of_their_drive(drive: Path, tmp_path: Path) -> None:

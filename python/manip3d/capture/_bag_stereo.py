@@ -24,7 +24,7 @@ from manip3d.capture._bag import (
     place_and_topic,
 )
 from manip3d.capture._bag_pictures import decoded, pose_of
-from manip3d.capture._lidar import LidarSource, expect_scans, open_lidar
+from manip3d.capture._lidar import LidarSource, expect_scans, open_unlabelled
 from manip3d.errors import Error, FormatError, InputError
 from manip3d.lidar import LidarFrame
 
@@ -114,7 +114,7 @@ def watched_recording(
             if value is not None:
                 raise InputError(f"{name}: can only be given with a ROS bag, got {uri}")
     if not uri.startswith("bag:") or cameras == "none":
-        scans = _scans(open_lidar(uri, calibration=calibration), uri)
+        scans = _scans(open_unlabelled(uri, calibration=calibration), uri)
         return WatchedDrive(None, itertools.islice(scans, frames), frames or 0)
     if calibration is not None:
         raise InputError("calibration: expected none for bag:")

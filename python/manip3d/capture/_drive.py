@@ -12,7 +12,7 @@ from manip3d._util.checked import checked
 from manip3d.authenticate import drive_numbers, find_record, read_record
 from manip3d.authenticate._watermark_files import scans_to_read
 from manip3d.capture._addresses import scan_address
-from manip3d.capture._lidar import expect_scans, open_lidar
+from manip3d.capture._lidar import expect_scans, open_unlabelled
 from manip3d.capture._past_errors import past_errors
 from manip3d.errors import Error, InputError
 from manip3d.io import read_scan
@@ -95,7 +95,7 @@ class LidarDrive:
             yield scan
 
     def _recorded(self) -> Iterator[LidarFrame | None]:
-        with open_lidar(self._address, calibration=self._calibration) as opened:
+        with open_unlabelled(self._address, calibration=self._calibration) as opened:
             opened.errors = self.errors
             read = expect_scans(opened.past_errors(), self._address, lambda: opened.counters)
             for number, scan in enumerate(read):

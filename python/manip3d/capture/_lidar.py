@@ -333,7 +333,7 @@ def open_lidar(
         bag = BagRecording(path_of(place, "uri"), topic, byte_limit(max_bytes) or None)
         return LidarSource(uri, bag, live=False)
     if colon and scheme == "kitti":
-        return LidarSource(uri, _Drive(path_of(rest, "uri")), live=False)
+        return LidarSource(uri, _Drive(path_of(rest, "uri"), labels=True), live=False)
     if colon and scheme == "velodyne":
         address, bound = _address(rest)
         if not 0 < ring_packets <= 1 << 20:
@@ -347,6 +347,20 @@ def open_lidar(
         "uri: expected pcap:FILE[#SENSOR], ouster:FILE[#N], kitti:FOLDER, bag:PATH[#TOPIC] or "
         f"velodyne:[ADDRESS:]PORT, got {uri!r}"
     )
+
+
+def open_unlabelled(
+    uri: str, *, calibration: VelodyneCalibration | str | os.PathLike[str] | None = None
+) -> LidarSource:
+    """Open a recording as `open_lidar` does, without the labels of a drive's points.
+
+    A verdict is based on this. Labels are no evidence, and a scan that lost or gained points, which
+    its labels no longer fit, must be judged.
+    """
+    scheme, colon, rest = uri.partition(":")
+    if colon and scheme == "kitti" and calibration is None:
+        return LidarSource(uri, _Drive(path_of(rest, "uri"), labels=False), live=False)
+    return open_lidar(uri, calibration=calibration)
 
 
 _VELODYNE = frozenset(
@@ -404,10 +418,11 @@ def expect_scans(
 class _Drive:
     """Scans of a drive, with the interface of the sources in ``_core``."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, *, labels: bool) -> None:
         from manip3d.datasets import open_kitti
 
         self._frames = iter(open_kitti(folder))
+        self._labels = labels
         self.goes_on = True
         self._counters = {"frames": 0, "points": 0}
         self._lock = threading.RLock()
@@ -418,7 +433,7 @@ class _Drive:
             frame = next(self._frames, None)
             if frame is None:
                 return False
-            scan = frame.scan()
+            scan = frame.scan(labels=self._labels)
             self._counters["frames"] += 1
             self._counters["points"] += scan.num_points
             return scan

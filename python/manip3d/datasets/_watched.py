@@ -160,7 +160,8 @@ def _moment(frame: KittiFrame, wanted: _Wanted) -> DriveMoment:
     velocity, why = _or_why(None, frame.velocity)
     if why and wanted.note is not None:
         wanted.note(f"frame {frame.name} has no speed of its own: {why}")
-    scan, why = _or_why(None, frame.scan)
+    # Labels are no evidence, and do not fit a scan that lost or gained points.
+    scan, why = _or_why(None, partial(frame.scan, labels=False))
     time_s = None if frame.time_ns is None else frame.time_ns / SECOND_NS
     return DriveMoment(
         why if scan is None else scan,

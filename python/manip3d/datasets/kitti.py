@@ -152,8 +152,18 @@ class KittiFrame:
     oxts_path: Path | None
     drive: KittiDrive = field(repr=False)
 
-    def scan(self) -> LidarFrame:
+    def scan(self, *, labels: bool = True) -> LidarFrame:
         """Read the points; labels of points, if there are any, are in ``fields["label"]``.
+
+        Parameters
+        ----------
+        labels : bool
+            Read the labels. Without them, the frame holds only what the scanner measured, and
+            labels that do not fit an edited scan cannot prevent that it is read.
+
+        Returns
+        -------
+        LidarFrame
 
         Raises
         ------
@@ -161,7 +171,7 @@ class KittiFrame:
             The scan is damaged, or the numbers of labels and of points differ.
         """
         frame = read_scan(self.scan_path).replace(time_ns=self.time_ns)
-        if self.truth_path is None:
+        if self.truth_path is None or not labels:
             return frame
         raw = regular_bytes(self.truth_path)
         if len(raw) != 4 * frame.num_points:
