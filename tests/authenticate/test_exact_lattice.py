@@ -23,6 +23,7 @@ from manip3d.authenticate import (
     calibrate_lattice,
     estimate_lattice,
     generic_consistency,
+    identify_sensor,
     inspect,
     kitti_lattice,
     measure_power,
@@ -89,7 +90,8 @@ def test_a_laser_that_meets_two_walls_only_has_its_own_lateral_distance(seed: in
     count = random.integers(0, steps, len(far))
     angle = azimuth[ring] + 2.0 * np.pi / steps * count + np.arcsin(lateral[ring] / far)
     angle = np.mod(angle + random.normal(0.0, 2e-7, len(far)), 2.0 * np.pi)
-    found = _exact_steps(far, angle, [np.flatnonzero(ring == k) for k in range(8)])
+    members = [np.flatnonzero(ring == k) for k in range(8)]
+    found = _exact_steps(far, angle, np.zeros(len(far), np.intp), members)
     assert found[0] == steps
     np.testing.assert_allclose(found[1], lateral, atol=1e-5)
 
@@ -128,6 +130,26 @@ def test_the_lattice_of_an_exact_scan(unit: Unit, labelled: bool) -> None:
     assert np.abs(reading.line_error).max() < 1e-5
     assert np.abs(reading.step_error).max() < 2e-5
     assert np.abs(reading.range_error).max() < 2e-5
+
+
+@pytest.mark.parametrize("millimetres", [10.0, 5.0, 4.0, 2.5, 2.0, 1.0])
+def test_the_range_step_is_found(millimetres: float) -> None:
+    scan = exact_scan(replace(hesai(), step=millimetres / 1000.0))
+    assert estimate_lattice(scan).range_step == millimetres / 1000.0
+
+
+def test_a_step_fits_the_scans_of_all_start_angles() -> None:
+    """Steps of 0.02 degrees fit five of the scans, and no point of the sixth."""
+    unit = replace(velodyne(), is_stepped=True, beside=np.full(16, 0.1))
+    starts = [0, 2, 4, 6, 8, 5]  # counts of 0.01 degrees
+    clean = [exact_scan(unit, seed, labelled=True) for seed in range(len(starts))]
+    scans = [
+        scan.replace(points=turned(scan.points, 0.01 * start))
+        for scan, start in zip(clean, starts, strict=True)
+    ]
+    lattice = estimate_lattice(scans)
+    assert lattice.steps == 36_000
+    assert all(identify_sensor(scan, lattice=lattice).lattice is lattice for scan in scans)
 
 
 def test_a_wall_at_coarse_ranges_is_no_fill_value() -> None:

@@ -64,11 +64,15 @@ def exact_lattice(
     rho: Floats,
     z: Floats,
     angle: Floats,
+    frame: NDArray[np.intp],
     members: Sequence[NDArray[np.intp]],
     slope: Floats,
     offset: Floats,
 ) -> SensorLattice | None:
-    """The lattice of exact clouds; None if their coordinates are rounded."""
+    """The lattice of exact clouds; None if their coordinates are rounded.
+
+    ``frame`` is the number of the scan of each point.
+    """
     errors = [np.abs(z[rows] - slope[k] * rho[rows] - offset[k]) for k, rows in enumerate(members)]
     if np.median(np.concatenate(errors)) > EXACT_TOLERANCE:
         return None
@@ -88,7 +92,7 @@ def exact_lattice(
     slope, offset, on = slope[seen], offset[seen], [on[k] for k in seen]
     if sum(map(len, on)) < MIN_EXACT * len(rho):
         return None
-    steps, lateral, azimuth = _exact_steps(rho, angle, on)
+    steps, lateral, azimuth = _exact_steps(rho, angle, frame, on)
     range_step, phase, incoherence = find_range_step(rho, z, on, slope, lateral, EXACT_RANGE_STEPS)
     center, slope_error = slope_trust(rho, z, on, slope, offset)
     if steps:
@@ -166,22 +170,22 @@ def _median(values: Floats) -> float:
 
 
 def _exact_steps(
-    rho: Floats, angle: Floats, members: Sequence[NDArray[np.intp]]
+    rho: Floats, angle: Floats, frame: NDArray[np.intp], members: Sequence[NDArray[np.intp]]
 ) -> tuple[int, Floats, Floats]:
     """Number of encoder counts, and each laser's lateral distance (m) and angle at count 0 (rad).
 
-    The number of counts is 0 if most points lie on the steps of none of `EXACT_STEPS`.
+    The number of counts is 0 if the points stand on the steps of none of `EXACT_STEPS`.
     """
     zero = np.zeros(len(members))
     for steps in EXACT_STEPS:  # beams through the axis
         starts = [best_encoder(rho[rows], angle[rows], zero[:1], steps)[1] for rows in members]
         azimuth = np.array(starts)
-        if _share_on_steps(rho, angle, members, zero, azimuth, steps) >= MIN_EXACT:
+        if _stand_on_steps(rho, angle, frame, members, zero, azimuth, steps):
             return steps, *_fit_all_beside(rho, angle, members, zero, azimuth, steps)
     for steps in (n for n in EXACT_STEPS if n <= MAX_STEPS_BESIDE):
         first = np.array(first_encoders(rho, angle, members, steps)).reshape(-1, 2)
         lateral, azimuth = _fit_all_beside(rho, angle, members, first[:, 0], first[:, 1], steps)
-        if _share_on_steps(rho, angle, members, lateral, azimuth, steps) >= MIN_EXACT:
+        if _stand_on_steps(rho, angle, frame, members, lateral, azimuth, steps):
             for k, rows in enumerate(members):
                 start = float(lateral[k]), float(azimuth[k])
                 lateral[k], azimuth[k] = _fit_again(rho[rows], angle[rows], steps, *start)
@@ -250,22 +254,34 @@ def _fit_beside(
     return lateral, azimuth
 
 
-def _share_on_steps(
+def _stand_on_steps(
     rho: Floats,
     angle: Floats,
+    frame: NDArray[np.intp],
     members: Sequence[NDArray[np.intp]],
     lateral: Floats,
     azimuth: Floats,
     steps: int,
-) -> float:
-    """Share of points on a step, of those at which neighbouring steps are far enough apart."""
-    on = apart = 0
+) -> bool:
+    """Whether most points are on a step, of those at which neighbouring steps are far enough apart.
+
+    Twice the true step also fits a laser, but only in the scans that share the parity of its
+    counts. A laser that is on the steps in one scan must therefore be on them in all scans.
+    """
+    scans = int(frame.max(initial=0)) + 1
+    on, apart = np.zeros((2, scans, len(members)))
     for k, rows in enumerate(members):
         far = rows[rho[rows] * (2.0 * math.pi / steps) > 8.0 * EXACT_TOLERANCE]
         off = off_the_steps(rho[far], angle[far], lateral[k], azimuth[k], steps)
-        on += int(np.count_nonzero(np.abs(off) < EXACT_TOLERANCE))
-        apart += len(far)
-    return on / apart if apart >= MIN_POINTS else 0.0
+        on[:, k] = np.bincount(frame[far], np.abs(off) < EXACT_TOLERANCE, scans)
+        apart[:, k] = np.bincount(frame[far], minlength=scans)
+    if apart.sum() < MIN_POINTS or on.sum() < MIN_EXACT * apart.sum():
+        return False
+    share = on / np.maximum(apart, 1.0)
+    enough = apart >= MIN_POINTS
+    is_on = (enough & (share >= MIN_EXACT)).any(axis=0)
+    is_off = (enough & (share < 0.5)).any(axis=0)  # an edit moves fewer points of a laser
+    return not (is_on & is_off).any()
 
 
 def _step_trust(

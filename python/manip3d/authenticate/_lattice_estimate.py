@@ -113,7 +113,7 @@ def estimate_lattice(
         )
     xyz = np.concatenate([cloud.points for cloud in clouds])
     members = [np.flatnonzero(ring == k) for k in range(len(slope))]
-    exact = exact_lattice(rho, z, angle, members, slope, offset)
+    exact = exact_lattice(rho, z, angle, frame, members, slope, offset)
     if exact is not None:
         return exact
     steps = find_steps(rho, angle, members)

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 COORDINATE_STEPS = (1e-2, 5e-3, 2e-3, 1e-3, 1e-4)
 
-RANGE_STEPS = (1e-2, 5e-3, 4e-3, 2e-3)
+RANGE_STEPS = (1e-2, 5e-3, 4e-3, 2.5e-3, 2e-3)
 """Range steps that are tried, metres; the coarsest first, since finer steps fit coarse data,
 too."""
 
