@@ -177,13 +177,18 @@ def test_an_attack_that_changes_nothing_is_refused(
     assert list(tmp_path.iterdir()) == [scan]
 
 
-def test_an_object_in_the_way_names_the_option_that_allows_it(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("attack", "option", "value"), [("translation", "--distance", 3), ("rotation", "--yaw", 45)]
+)
+def test_an_object_in_the_way_names_the_option_that_allows_it(
+    attack: str, option: str, value: int, tmp_path: Path
+) -> None:
     everywhere = np.random.default_rng(0).uniform(-9, 9, (20_000, 3)).astype(np.float32)
     manip3d.LidarFrame(everywhere).write(tmp_path / "full.bin")
-    order = ("--box", 5, 0, 0, 2, 2, 2, 0, "--distance", 3)
+    order = ("--box", 5, 0, 0, 2, 2, 2, 0, option, value)
     scans = (tmp_path / "full.bin", "-o", tmp_path / "forged.bin")
-    done = run("forge", "lidar", "translation", *scans, *order)
-    assert str(done.exception).startswith("--distance: expected a free place")
+    done = run("forge", "lidar", attack, *scans, *order)
+    assert str(done.exception).startswith(f"{option}: expected a free place")
     assert "(--allow-collision puts the object there all the same)" in str(done.exception)
 
 

@@ -388,7 +388,8 @@ def rotation(
     transform[:3, 3] = center - product(transform[:3, :3], center)
     transform[:2, 3] += sideways * np.array([-away[1], away[0]])
     if not allow_collision:
-        _check_destination(scene, target, transform, "angle, sideways", threads, yaw=angle)
+        moved_by = "angle, sideways" if sideways else "angle"
+        _check_destination(scene, target, transform, moved_by, threads, yaw=angle)
     forgery = _moved(
         "rotation", scene, target, transform, threads, {"angle": angle, "sideways": sideways}
     )
@@ -443,8 +444,9 @@ def _check_free(
     found = _core.points_in_box(scene.points, box, threads_of(threads))
     inside = len(found if leaving is None else np.setdiff1d(found, leaving, assume_unique=True))
     if inside:
+        found = "1 point" if inside == 1 else f"{inside} points"
         raise InputError(
-            f"{argument}: expected a free place, got one with {inside} points of the scan in it "
+            f"{argument}: expected a free place, got one with {found} of the scan in it "
             "(allow_collision puts the object there all the same)"
         )
 
