@@ -111,6 +111,42 @@ def test_columns_behind_points_beside_other_arrays(tmp_path: Path) -> None:
     np.testing.assert_array_equal(frame.intensity, other)
 
 
+def test_an_array_for_each_column(tmp_path: Path) -> None:
+    x, y, z = POINTS.T
+    ring = np.arange(30, dtype=np.uint16) % 4
+    path = saved(tmp_path, x=x, y=y, z=z[:, None], intensity=SHARES[:, 0], ring=ring, t=y * 2)
+    assert kind_of(str(path)) == viewer.kind_of(path) == "scan"
+    frame = read_scan(path)
+    np.testing.assert_array_equal(frame.points, POINTS)
+    np.testing.assert_array_equal(frame.intensity, SHARES[:, 0].astype(np.float32))
+    np.testing.assert_array_equal(frame.ring, ring)
+    np.testing.assert_array_equal(frame.fields["t"], y * 2)
+    with pytest.warns(UserWarning, match="are left out: pose"):
+        assert read_scan(saved(tmp_path, x=x, y=y, z=z, pose=np.eye(4))).num_points == 30
+
+
+@pytest.mark.parametrize("key", ["pointcloud", "lidar"])
+def test_the_only_array_of_points_has_any_name(key: str, tmp_path: Path) -> None:
+    rows = np.column_stack([POINTS, SHARES[:, 0]])
+    path = saved(tmp_path, **{key: rows, "pose": np.eye(4), "label": np.arange(30)})
+    assert kind_of(str(path)) == viewer.kind_of(path) == "scan"
+    with pytest.warns(UserWarning, match="are left out: pose"):
+        frame = read_scan(path)
+    np.testing.assert_array_equal(frame.points, POINTS)
+    np.testing.assert_array_equal(frame.intensity, SHARES[:, 0].astype(np.float32))
+    assert frame.fields["label"].tolist() == list(range(30))
+
+
+def test_points_beside_an_image_are_not_chosen(tmp_path: Path) -> None:
+    """They may be its calibration; x, y and z may be images, too."""
+    image = np.ones((30, 40), np.float32)
+    for arrays in ({"depth": image, "corners": POINTS}, {"x": image, "y": image, "z": image}):
+        path = saved(tmp_path, **arrays)
+        assert kind_of(str(path)) == "depth"
+        with pytest.raises(FormatError, match="expected an array named positions"):
+            read_scan(path)
+
+
 def test_points_with_named_columns(tmp_path: Path) -> None:
     named = np.empty(30, [("x", "f4"), ("y", "f4"), ("z", "f4"), ("intensity", "f4")])
     named["x"], named["y"], named["z"] = POINTS.T
@@ -139,7 +175,12 @@ def test_arrays_of_other_lengths_are_named(tmp_path: Path) -> None:
     [
         (
             {"a": POINTS, "b": POINTS},
-            "array named positions or points or xyz or pcloud_points, got a, b",
+            "array named positions or points or xyz or pcloud_points, or arrays x, y and z, or a "
+            "single one of points, got a, b",
+        ),
+        (
+            {"x": SHARES[:, 0], "y": SHARES[:, 0], "z": SHARES[:9, 0]},
+            r"x, y, z: expected as many numbers of each, got float64 \(30,\), .* \(9,\)",
         ),
         ({"positions": POINTS[:, :2]}, "expected \\(N, 3\\) or "),
         ({"positions": np.array([{}], dtype=object)}, "expected an array of numbers"),

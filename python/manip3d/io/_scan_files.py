@@ -125,8 +125,9 @@ def read_scan(
         named columns. The scanner's position is not known.
     ``.npz``
         Open3D's point clouds: arrays ``positions`` or ``points``, ``colors``, ``normals``, and
-        others with the same number of rows; or one array as in ``.npy``; or A2D2's arrays, without
-        ``pcloud_attr.`` before their names. The scanner's position is not known.
+        others with the same number of rows; or one array as in ``.npy``; or an array for each
+        column, ``x``, ``y`` and ``z`` among them; or A2D2's arrays, without ``pcloud_attr.`` before
+        their names. The scanner's position is not known.
 
     Examples
     --------

@@ -26,6 +26,7 @@ from manip3d.io._scan_tables import (
 )
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
     from pathlib import Path
 
     from numpy.typing import NDArray
@@ -35,6 +36,8 @@ if TYPE_CHECKING:
 _POINTS = ("positions", "points", "xyz", "pcloud_points")
 """Names of the coordinates: of Open3D's tensor and legacy point clouds, of converters for ROS, of
 the data set A2D2."""
+_MAX_SIDE = 8
+"""Largest number of rows or of columns of an array that is no image, such as a pose."""
 _PREFIX = "pcloud_attr."  # before the names of A2D2's other arrays
 _TRIPLES = {"colors": ("red", "green", "blue"), "normals": ("nx", "ny", "nz")}
 """Names of the three columns of Open3D's arrays ``colors`` and ``normals``."""
@@ -43,7 +46,8 @@ _TRIPLES = {"colors": ("red", "green", "blue"), "normals": ("nx", "ny", "nz")}
 def is_npz_scan(path: str | os.PathLike[str]) -> bool:
     """Return whether an archive is a scan and no depth image.
 
-    It is a scan if an array has one of the names of coordinates, or if its only array is a scan.
+    It is a scan if an array has one of the names of coordinates, if three arrays are x, y and z, or
+    if a single array, of whatever name, holds points.
 
     Raises
     ------
@@ -55,10 +59,10 @@ def is_npz_scan(path: str | os.PathLike[str]) -> bool:
             arrays = _arrays(archive)
             if any(name in arrays for name in _POINTS):
                 return True
-            if len(arrays) != 1:
-                return False
-            with archive.open(next(iter(arrays.values()))) as member:
-                return _scan_npy.is_scan(member.read(MAX_HEADER))
+            if len(arrays) == 1:
+                return _scan_npy.is_scan(_head(archive, *arrays.values()))
+            heads = {name: _head(archive, entry) for name, entry in arrays.items()}
+            return _has_columns(heads) or _only_points(heads) is not None
     except OSError:
         raise
     except Exception:  # zipfile and zlib raise various types for damaged files
@@ -89,9 +93,16 @@ def read_table(path: Path, limit: int) -> Table:
         key = next((key for key in _POINTS if key in members), None)
         if key is None and len(members) == 1:
             return _scan_npy.table_of(next(iter(members.values())), name)
+        if key is None and _has_columns(members):
+            return _table_of_columns(members, name)
+        if key is None:
+            key = _only_points(members)
         if key is None:
             others = ", ".join(sorted(members)[:20]) or "none"
-            raise FormatError(f"expected an array named {' or '.join(_POINTS)}, got {others}")
+            raise FormatError(
+                f"expected an array named {' or '.join(_POINTS)}, or arrays x, y and z, or a "
+                f"single one of points, got {others}"
+            )
         if _scan_npy.has_names(members[key]):  # pyntcloud writes all columns in one array
             return _scan_npy.table_of(members[key], name)
         points = _array(members[key])
@@ -115,26 +126,89 @@ def read_table(path: Path, limit: int) -> Table:
         reason = f"damaged .npz: {str(error) or type(error).__name__}"
         raise FormatError(reason, file=name) from error
     columns: dict[str, NDArray[Any]] = dict(zip(names, points.T, strict=True))
-    unnamed, gone = set(names[3:]), []
-    for other, member in members.items():
-        try:
-            values = _by_points(_array(member), sides)
-            found = _columns_of(other.removeprefix(_PREFIX), values, len(points))
-        except FormatError:  # the array holds Python objects, or is damaged
-            found = {}
-        gone += [] if found else [other]
-        # An array of its own tells more than a column behind the coordinates.
-        columns |= {each: v for each, v in found.items() if each in unnamed or each not in columns}
-        unnamed -= found.keys()
-    if gone:
-        warnings.warn(
-            f"{name}: arrays without numbers for each of {len(points)} points are left out: "
-            f"{', '.join(sorted(gone))}",
-            stacklevel=caller_level(),
-        )
+    found = _other_columns(members, sides, name)
+    # An array of its own tells more than a column behind the coordinates.
+    unnamed = set(names[3:]) - found.keys()
+    columns |= {each: v for each, v in found.items() if each not in names[:3]}
     rest = [each for each in names if each in unnamed]
     header = {"pairs": _scan_npy.pairs_of(sides), "unnamed": rest}
     return Table("npz", columns, name, header=header)
+
+
+def _head(archive: zipfile.ZipFile, entry: zipfile.ZipInfo) -> bytes:
+    with archive.open(entry) as member:
+        return member.read(MAX_HEADER)
+
+
+def _has_columns(members: Mapping[str, bytes]) -> bool:
+    """Return whether there is an array of one number for each point for x, for y and for z."""
+    if not set("xyz") <= members.keys():
+        return False
+    shapes = [read_npy_header(members[axis][:MAX_HEADER])[0] for axis in "xyz"]
+    return all(len(shape) == 1 or shape[1:] == (1,) for shape in shapes)
+
+
+def _only_points(members: Mapping[str, bytes]) -> str | None:
+    """Return the name of the array of points among arrays that are no images.
+
+    It is None if there is none, or if it is ambiguous: the range images of two returns, for
+    example, are two such arrays, and the points beside a depth image may be its calibration.
+    """
+    found = []
+    for name, data in members.items():
+        head = data[:MAX_HEADER]
+        shape, _, dtype, _ = read_npy_header(head)
+        if dtype.names is None and _scan_npy.is_scan(head):
+            found.append(name)
+        elif len(shape) >= 2 and min(shape[:2]) > _MAX_SIDE:
+            return None
+    return found[0] if len(found) == 1 else None
+
+
+def _table_of_columns(members: Mapping[str, bytes], name: str) -> Table:
+    """Return the table of an archive with one array for each column, among them x, y and z.
+
+    Raises
+    ------
+    FormatError
+        The coordinates are no numbers, or their arrays differ in length.
+    """
+    axes = {axis: _array(members[axis]) for axis in "xyz"}
+    points = len(axes["x"])
+    columns: dict[str, NDArray[Any]] = {}
+    for axis, values in axes.items():
+        columns |= _columns_of(axis, values, points)
+    if columns.keys() != axes.keys():
+        shapes = ", ".join(f"{each.dtype} {each.shape}" for each in axes.values())
+        raise FormatError(f"x, y, z: expected as many numbers of each, got {shapes}")
+    check_points(points, "")
+    others = {key: data for key, data in members.items() if key not in axes}
+    columns |= _other_columns(others, (points,), name)
+    return Table("npz", columns, name, header={"pairs": (), "unnamed": []})
+
+
+def _other_columns(
+    members: Mapping[str, bytes], sides: tuple[int, ...], name: str
+) -> dict[str, NDArray[Any]]:
+    """Return the columns in the arrays beside the coordinates; warn of arrays that hold none."""
+    points = math.prod(sides)
+    columns: dict[str, NDArray[Any]] = {}
+    gone = []
+    for other, member in members.items():
+        try:
+            values = _by_points(_array(member), sides)
+            found = _columns_of(other.removeprefix(_PREFIX), values, points)
+        except FormatError:  # the array holds Python objects, or is damaged
+            found = {}
+        gone += [] if found else [other]
+        columns |= {each: v for each, v in found.items() if each not in columns}
+    if gone:
+        warnings.warn(
+            f"{name}: arrays without numbers for each of {points} points are left out: "
+            f"{', '.join(sorted(gone))}",
+            stacklevel=caller_level(),
+        )
+    return columns
 
 
 def _by_points(values: NDArray[Any], sides: tuple[int, ...]) -> NDArray[Any]:
