@@ -34,7 +34,13 @@ from manip3d.authenticate._exact_lattice import (
     _one_below_the_other,
 )
 from manip3d.authenticate._lattice_steps import first_encoders, off_the_steps
-from manip3d.authenticate._power import BLIND_TURNED, BLIND_TURNED_ANYHOW, BLIND_WHOLE_STEPS
+from manip3d.authenticate._power import (
+    BLIND_ALONG_RAYS,
+    BLIND_COPIED,
+    BLIND_TURNED,
+    BLIND_TURNED_ANYHOW,
+    BLIND_WHOLE_STEPS,
+)
 from manip3d.authenticate._processing import edge_of_voxels
 from manip3d.cli.inspect import show
 from manip3d.report import write_evidence
@@ -780,6 +786,50 @@ def test_a_calibrated_lattice_knows_its_power(unit: Unit, tmp_path: Path) -> Non
     forged[on_post(forged)] += np.float32([0.5, 0.3, 0.0])
     assert inspect(without_labels(forged), lattice=loaded).verdict == "tampered"
     assert generic_consistency(without_labels(forged), lattice=loaded).verdict == "tampered"
+
+
+def test_a_calibrated_lattice_needs_no_range_steps() -> None:
+    """What it costs: edits along the rays, and copies that only their ranges show."""
+    unit = replace(hesai(), step=1e-7)
+    *scans, another = [exact_scan(unit, seed) for seed in range(5)]
+    lattice = calibrate_lattice(scans, planted=2)
+    assert (lattice.is_exact, lattice.range_step) == (True, 0.0)
+    assert lattice.power["moved"].share == lattice.power["resampled"].share == 1.0
+    assert lattice.power["along rays"].found == lattice.power["copied on steps"].found == 0
+    clean = inspect(another, lattice=lattice)
+    assert (clean.verdict, clean.sensor.lattice) == ("no_trace", lattice)
+    assert clean.sensor.reason == (
+        "its points stand on 32 lines, 3600 steps of azimuth, and ranges have no steps"
+    )
+    assert {BLIND_ALONG_RAYS, BLIND_COPIED} < set(clean.blind)
+    assert not {BLIND_TURNED, BLIND_WHOLE_STEPS} & set(clean.blind)
+    post = np.flatnonzero(on_post(another.points))
+    points = another.points.copy()
+    points[post] += np.float32([0.3, -0.8, 0.0])
+    edited = inspect(another.replace(points=points), lattice=lattice)
+    assert edited.verdict == "tampered"
+    assert np.isin(edited.detectors[0].suspected, post).all()
+
+
+def test_without_range_steps_a_lattice_needs_a_measured_power() -> None:
+    scans = [exact_scan(replace(hesai(), step=1e-7), seed) for seed in range(3)]
+    lattice = estimate_lattice(scans[:2])
+    found = inspect(scans[2], lattice=lattice)
+    assert found.verdict == "undecidable"
+    assert found.reason.endswith("has no range steps, and its power was not measured")
+    shifted = scans[2].replace(points=scans[2].points + np.float32([0.0, 0.0, 0.5]))
+    assert "points are not on the given lattice" in inspect(shifted, lattice=lattice).reason
+
+
+def test_a_lattice_that_judges_no_scan_has_no_power() -> None:
+    """The power of scans that `inspect` never judges by it would be of no use."""
+    scans = [exact_scan(hesai(6), seed) for seed in range(4)]
+    with pytest.raises(InputError, match="2 of 2 are not: it has 6 lines, and at least 8 are need"):
+        calibrate_lattice(scans, planted=1)
+    scans = [exact_scan(hesai(), seed) for seed in range(3)]
+    two_scanners = np.concatenate([exact_scan(hesai(), 3).points, exact_scan(ouster(), 3).points])
+    with pytest.raises(InputError, match=r"1 of 2 are not: .* points are not on it"):
+        calibrate_lattice([*scans, without_labels(two_scanners)], planted=1)
 
 
 @pytest.mark.parametrize("tolerance", [0.0, -1.0, 0.01, float("nan"), "wide", None])

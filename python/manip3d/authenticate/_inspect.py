@@ -48,7 +48,12 @@ from manip3d.authenticate._reports import (
     reason_of,
     without_position,
 )
-from manip3d.authenticate._sensors import MIN_POINTS, Sensor
+from manip3d.authenticate._sensors import (
+    MIN_POINTS,
+    Sensor,
+    number_off_lattice,
+    why_off_lattice,
+)
 from manip3d.authenticate._standpoint import ON_LATTICE, at_origin, identify, lifted, scanner_of
 from manip3d.authenticate._thinning import why_thinned
 from manip3d.authenticate._verdict import NO_POWER, PLANTED_HERE, Power, Processing, Region, Verdict
@@ -367,18 +372,20 @@ def _inspected(
     else:
         result = _not_judged(scan, position, source, found, asked.printed)
     if asked.lattice is not None and found.lattice is not asked.lattice and scan.num_points:
-        off = _number_off(at_origin(scan, position), asked.lattice, asked.threads)
-        reason = f"{off} of {scan.num_points} points are not on the given lattice"
+        reason = _why_not_given(at_origin(scan, position), asked.lattice, asked.threads)
         result = replace(result, reason=f"{result.reason}; {reason}")
     told(1.0)
     return result
 
 
-def _number_off(scan: LidarFrame, lattice: SensorLattice, threads: int) -> int:
-    """Number of points that are not where the scanner of a lattice can measure."""
-    reading = lattice.read(scan.points, threads=threads)
-    error = np.maximum(np.abs(reading.line_error), np.abs(reading.step_error))
-    return int(np.count_nonzero((reading.ring < 0) | ~(error <= lattice.tolerance)))
+def _why_not_given(scan: LidarFrame, lattice: SensorLattice, threads: int) -> str:
+    """Why a scan was not judged by the lattice that was given."""
+    if not (lattice.range_step or lattice.power) and not why_off_lattice(
+        scan, lattice, threads=threads
+    ):
+        return "the given lattice has no range steps, and its power was not measured"
+    off = number_off_lattice(lattice.read(scan.points, threads=threads), lattice.tolerance)
+    return f"{off} of {scan.num_points} points are not on the given lattice"
 
 
 def _stated_unit(scan: LidarFrame) -> str:

@@ -18,6 +18,8 @@ from manip3d.authenticate._lattice import LatticeReading, SensorLattice
 from manip3d.authenticate._no_returns import returns_of
 from manip3d.authenticate._power import (
     BLIND,
+    BLIND_ALONG_RAYS,
+    BLIND_COPIED,
     BLIND_TURNED,
     BLIND_TURNED_ANYHOW,
     BLIND_WHOLE_STEPS,
@@ -186,14 +188,20 @@ def _blind(sensor: Sensor, judging: set[str]) -> tuple[str, ...]:
     blind = [*BLIND]
     if "turns" not in judging:
         blind.append(BLIND_WITHOUT_TURNS)
-    if sensor.lattice is not None and sensor.lattice.is_exact:
-        blind.append(BLIND_TURNED if sensor.lattice.steps else BLIND_TURNED_ANYHOW)
-        blind.append(BLIND_WHOLE_STEPS)
-    elif sensor.lattice is not None and not sensor.lattice.steps:
-        blind.append(BLIND_WITHOUT_STEPS)
+    if sensor.lattice is not None:
+        blind += _blind_on(sensor.lattice)
     if "reflectance" not in judging:
         blind.append(BLIND_WITHOUT_REFLECTANCES)
     return tuple(blind)
+
+
+def _blind_on(lattice: SensorLattice) -> list[str]:
+    """Classes of edits that leave points on a lattice."""
+    if not lattice.is_exact:
+        return [] if lattice.steps else [BLIND_WITHOUT_STEPS]
+    if not lattice.range_step:
+        return [BLIND_COPIED if lattice.steps else BLIND_WITHOUT_STEPS, BLIND_ALONG_RAYS]
+    return [BLIND_TURNED if lattice.steps else BLIND_TURNED_ANYHOW, BLIND_WHOLE_STEPS]
 
 
 def _processing_of_points(

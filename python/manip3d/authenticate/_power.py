@@ -22,7 +22,7 @@ from manip3d.authenticate._generic import consistency_allowing, generic_consiste
 from manip3d.authenticate._lattice import SensorLattice
 from manip3d.authenticate._lattice_estimate import estimate_lattice
 from manip3d.authenticate._reflectance import reflectance_consistency, why_not_judged
-from manip3d.authenticate._sensors import HDL64E, is_hdl64e
+from manip3d.authenticate._sensors import HDL64E, is_hdl64e, why_off_lattice
 from manip3d.authenticate._turns import turn_consistency
 from manip3d.authenticate._verdict import NO_POWER, Power, rate_of
 from manip3d.errors import InputError
@@ -75,8 +75,17 @@ BLIND_TURNED_ANYHOW = (
 )
 """The same in exact clouds of a scanner without steps of azimuth."""
 
+BLIND_COPIED = (
+    "objects turned about the scanner by whole steps of azimuth, mirrored, or copied in this way: "
+    "its ranges have no steps by which copies are recognised"
+)
+"""The same in exact clouds whose ranges have no steps, but whose azimuths have."""
+
+BLIND_ALONG_RAYS = "points moved along their rays: its ranges have no steps"
+"""A further blind class in exact clouds whose ranges have no steps."""
+
 BLIND_WHOLE_STEPS = "points moved along their rays by whole range steps"
-"""A further blind class in exact clouds, whose coordinates are not rounded a second time."""
+"""The same if ranges have steps, since the coordinates are not rounded a second time."""
 
 BLIND_TERRESTRIAL = "points removed, cropped or moved together: only what was added is looked for"
 """A further blind class in scans that detectors I and II judge."""
@@ -552,7 +561,9 @@ def calibrate_lattice(
 
     The lattice is estimated from every second scan. The other scans are judged by it, first
     unedited, then with planted edits of each class. With this lattice, `inspect` can return
-    ``no_trace`` for scans of this scanner if half of the edits of some class are found.
+    ``no_trace`` for scans of this scanner if half of the edits of some class are found. Ranges of
+    exact clouds need no steps then; without them edits along the rays and turned copies stay
+    hidden, as the power of their classes shows.
 
     Parameters
     ----------
@@ -583,7 +594,8 @@ def calibrate_lattice(
     InputError
         There are fewer than four scans, or they have no rings that can be distinguished;
         ``planted`` is not positive or ``most`` is below 4; detector III accuses more of the clean
-        scans than chance explains at its rate, so that it cannot judge this scanner.
+        scans than chance explains at its rate, so that it cannot judge this scanner; `inspect`
+        would not judge one of them by the lattice, so that a measured power would not hold.
     FormatError, OSError
         A file cannot be read.
 
@@ -630,6 +642,7 @@ def calibrate_lattice(
                 f"frames: expected clean scans that stand on a lattice; detector III accuses "
                 f"{accused} of {len(others)} as they are"
             )
+        _refuse_off_lattice(others, lattice, threads)
         measured = measure_power(
             others, lattice, planted=planted, classes=classes, rng=rng, threads=threads,
             progress=part(*forged),
@@ -637,6 +650,17 @@ def calibrate_lattice(
     told = source or f"{len(others)} clean scans{_places_in_words(given)}"
     power = {name: replace(each, source=told) for name, each in measured.items()}
     return replace(lattice, power=ReadOnlyMapping(power))
+
+
+def _refuse_off_lattice(scans: Sequence[LidarFrame], lattice: SensorLattice, threads: int) -> None:
+    """Raise `InputError` if `inspect` would not judge some of the scans by the lattice."""
+    reasons = [why_off_lattice(scan, lattice, threads=threads) for scan in scans]
+    told = [why for why in reasons if why is not None]
+    if told:
+        raise InputError(
+            f"frames: expected clean scans that are judged by a lattice of others; {len(told)} of "
+            f"{len(scans)} are not: {told[0]}"
+        )
 
 
 def _scans_of(given: LidarFrame | str | os.PathLike[str]) -> list[LidarFrame | Path]:

@@ -358,8 +358,7 @@ def identify_and_read(
     given = [] if lattice is None else [lattice]
     for known in (*given, kitti_lattice()):
         reading = known.read(frame.points, threads=threads)
-        on_lattice = _on_exact_lattice if known.is_exact else _on_lattice
-        found = on_lattice(frame.points, known, reading)
+        found = _on_given_lattice(frame.points, known, reading, is_calibrated=bool(known.power))
         if found is not None and found.off_lattice > 0.0 and (own := _other_unit(frame, known)):
             return own, None
         if found is not None:
@@ -372,6 +371,55 @@ def identify_and_read(
     if sensor is None or sensor.kind == "unknown":
         sensor = _by_grid(frame, threads) or sensor or _by_beams(frame.points)
     return (_by_rings(frame) or sensor) if sensor.kind == "unknown" else sensor, None
+
+
+def why_off_lattice(frame: LidarFrame, lattice: SensorLattice, *, threads: int = 0) -> str | None:
+    """Return why `manip3d.authenticate.inspect` does not judge a scan by a calibrated lattice.
+
+    Parameters
+    ----------
+    frame : LidarFrame
+        Scan with the scanner at the origin.
+    lattice : SensorLattice
+        Lattice that is given to `inspect`; it is treated as calibrated though it has no power yet.
+    threads : int
+        0: ``MANIP3D_THREADS``, else all cores.
+
+    Returns
+    -------
+    str or None
+        None if the scan is judged by the lattice.
+    """
+    if (why := nothing_to_tell(frame.points)) is not None:
+        return why
+    reading = lattice.read(frame.points, threads=threads)
+    found = _on_given_lattice(frame.points, lattice, reading, is_calibrated=True)
+    if found is not None and found.off_lattice == 0.0:
+        return None
+    fewest = MIN_EXACT_RINGS if lattice.is_exact else MIN_RINGS
+    if len(lattice.slope) < fewest:
+        return f"it has {len(lattice.slope)} lines, and at least {fewest} are needed"
+    off = number_off_lattice(reading, lattice.tolerance)
+    return f"{off} of {frame.num_points} points are not on it"
+
+
+def number_off_lattice(reading: LatticeReading, tolerance: float) -> int:
+    """Return how many points are not where the scanner of a lattice can measure."""
+    error = np.maximum(np.abs(reading.line_error), np.abs(reading.step_error))
+    return int(np.count_nonzero((reading.ring < 0) | ~(error <= tolerance)))
+
+
+def _on_given_lattice(
+    points: NDArray[np.float32],
+    lattice: SensorLattice,
+    reading: LatticeReading,
+    *,
+    is_calibrated: bool,
+) -> Sensor | None:
+    """The scanner of a lattice that was not estimated from the scan, or None."""
+    if lattice.is_exact:
+        return _on_exact_lattice(points, lattice, reading, is_calibrated=is_calibrated)
+    return _on_lattice(points, lattice, reading)
 
 
 def nothing_to_tell(points: NDArray[np.float32]) -> str | None:
@@ -438,20 +486,26 @@ def is_of_two_scanners(points: NDArray[np.float32], reading: LatticeReading) -> 
 
 
 def _on_exact_lattice(
-    points: NDArray[np.float32], lattice: SensorLattice, reading: LatticeReading
+    points: NDArray[np.float32],
+    lattice: SensorLattice,
+    reading: LatticeReading,
+    *,
+    is_calibrated: bool = False,
 ) -> Sensor | None:
     """The scanner of an exact lattice, if nearly all points of most sectors lie on it.
 
     An edit moves points of some sectors off the lattice; a second scanner that was fused with this
-    one adds points off the lattice to most sectors, or many to some.
+    one adds points off the lattice to most sectors, or many to some. Without range steps, a lattice
+    is used only if it is calibrated: clean scans of its scanner were judged by it.
     """
-    if not lattice.range_step or len(lattice.slope) < MIN_EXACT_RINGS:
+    if not (lattice.range_step or is_calibrated) or len(lattice.slope) < MIN_EXACT_RINGS:
         return None
     told = (np.hypot(points[:, 0], points[:, 1]) > LINES_APART) & (reading.ring >= 0)
     if np.count_nonzero(told) < MIN_POINTS:
         return None
     off = np.maximum(np.abs(reading.line_error), np.abs(reading.step_error)) > lattice.tolerance
-    off |= np.abs(reading.range_error) > lattice.range_step / 4.0
+    if lattice.range_step:
+        off |= np.abs(reading.range_error) > lattice.range_step / 4.0
     sector = (reading.azimuth[told] * (SECTORS / (2.0 * np.pi))).astype(np.intp)
     sector = sector.clip(0, SECTORS - 1)
     there = np.bincount(sector, minlength=SECTORS)
@@ -462,8 +516,9 @@ def _on_exact_lattice(
     if np.mean(off[told]) > MAX_EDITED or _errors_go_on(points, lattice, reading, told):
         return None
     steps = f", {lattice.steps} steps of azimuth" if lattice.steps else ""
-    ranges = f"{1000.0 * lattice.range_step:g} mm"
-    reason = f"its points stand on {len(lattice.slope)} lines{steps} and whole ranges of {ranges}"
+    ranges = f"whole ranges of {1000.0 * lattice.range_step:g} mm"
+    ranges = f" and {ranges}" if lattice.range_step else ", and ranges have no steps"
+    reason = f"its points stand on {len(lattice.slope)} lines{steps}{ranges}"
     name = _model_of(lattice) or _name_of(lattice)
     return Sensor(name, "lattice", reason, lattice, is_own=True)
 

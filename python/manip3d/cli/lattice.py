@@ -41,7 +41,8 @@ def lattice(
     The lattice is estimated from every second scan. To measure its power, the other scans are
     judged by it, unchanged and with planted edits. For other scanners than an HDL-64E, 'inspect
     --lattice' gives the verdict no_trace only with a lattice whose power was measured in this way.
-    If detector III accuses clean scans, it cannot judge this scanner, and the command fails.
+    If detector III accuses clean scans, or 'inspect' would not judge them by the lattice, the
+    command fails. Without steps of the ranges, points moved along their rays are not found.
 
     Example: manip3d lattice clean -o lattice.json
     """

@@ -444,9 +444,9 @@ def _check_free(
     found = _core.points_in_box(scene.points, box, threads_of(threads))
     inside = len(found if leaving is None else np.setdiff1d(found, leaving, assume_unique=True))
     if inside:
-        found = "1 point" if inside == 1 else f"{inside} points"
+        told = "1 point" if inside == 1 else f"{inside} points"
         raise InputError(
-            f"{argument}: expected a free place, got one with {found} of the scan in it "
+            f"{argument}: expected a free place, got one with {told} of the scan in it "
             "(allow_collision puts the object there all the same)"
         )
 
