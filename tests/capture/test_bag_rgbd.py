@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import json
 import struct
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -88,7 +88,7 @@ def test_depth_and_the_colours_of_the_nearest_time(tmp_path: Path) -> None:
     messages = cameras()
     for number in range(4):
         messages += [depth_at(1 + 0.1 * number, millimetres(number))]
-        # Nearer to the next depth image; the last two have none within 0.2 s.
+        # Nearer to the next depth image, and to no other one.
         messages += [color_at(1.08 + 0.1 * number, number)] if number < 1 else []
     messages += [depth_at(1.5, millimetres(4))]
     source = capture.open_rgbd(bag_of(tmp_path, messages))
@@ -99,8 +99,11 @@ def test_depth_and_the_colours_of_the_nearest_time(tmp_path: Path) -> None:
         assert [f.time_ns for f in frames] == [round(1e9 + n * 1e8) for n in (0, 1, 2, 3, 5)]
         for number, frame in enumerate(frames):
             assert np.array_equal(frame.depth, millimetres(number))
-        assert [f.color is not None for f in frames] == [True, True, True, False, False]
-        assert all(np.array_equal(f.color, colors(0)) for f in frames[:3])  # type: ignore[arg-type]
+        assert [f.color is not None for f in frames] == [False, True, False, False, False]
+        assert np.array_equal(frames[1].color, colors(0))  # type: ignore[arg-type]
+        assert source.counters["without_color"] == 4
+        source.start()
+        assert source.counters["without_color"] == 0
     assert np.array_equal(source[3].depth, millimetres(3))
     later = capture.open_rgbd(source.uri, start=3)
     assert [f.number for f in later] == [3, 4]
@@ -153,6 +156,49 @@ def test_of_a_robots_cameras_the_one_beside_the_depth_is_taken(tmp_path: Path) -
     ):
         (tmp_path / name).mkdir()
         assert colors_of(tmp_path / name, [*depth, *arm, *other]) == [20]
+
+
+def numbered_colors(times: Mapping[int, float]) -> list[Message]:
+    """Pictures whose levels are their numbers."""
+    return [plain(COLOR, "color", number, time)[1] for number, time in times.items()]
+
+
+def test_depth_images_whose_colours_were_lost_have_none(tmp_path: Path) -> None:
+    """Thirty images a second; the colours come 5 ms after the depth, and five of them are lost."""
+    kept = {n: 1.005 + n / 30 for n in range(12) if not 2 <= n <= 6}
+    depth = [depth_at(1.0 + n / 30, millimetres(n)) for n in range(12)]
+    messages = [*cameras(), *depth, *numbered_colors(kept)]
+    expected = [0, 1, *[None] * 5, 7, 8, 9, 10, 11]
+    ordered = sorted(messages, key=lambda each: each[0])
+    assert colors_of(tmp_path, ordered) == expected
+    told = json.loads(manip3d("capture", "info", tmp_path / "bag", "--json").stdout)
+    assert (told["with"]["colour"], told["counters"]["without_color"]) == (7, 5)
+
+
+@pytest.mark.parametrize(("rate", "offset"), [(15, 0.030), (30, 0.015), (30, -0.015), (60, 0.005)])
+def test_cameras_that_are_not_synchronised_have_one_colour_image_each(
+    rate: int, offset: float, tmp_path: Path
+) -> None:
+    depth = [depth_at(1.0 + n / rate, millimetres(n)) for n in range(12)]
+    taken = numbered_colors({n: 1.0 + offset + n / rate for n in range(12)})
+    messages = sorted([*cameras(), *depth, *taken], key=lambda each: each[0])
+    assert colors_of(tmp_path, messages) == list(range(12))
+
+
+def test_of_a_faster_depth_camera_the_nearest_images_have_colours(tmp_path: Path) -> None:
+    """Thirty depth images a second and fifteen colours, 10 ms after each second depth image."""
+    depth = [depth_at(1.0 + n / 30, millimetres(n)) for n in range(12)]
+    taken = numbered_colors({n: 1.01 + n / 15 for n in range(6)})
+    messages = sorted([*cameras(), *depth, *taken], key=lambda each: each[0])
+    expected = [n // 2 if n % 2 == 0 else None for n in range(12)]
+    assert colors_of(tmp_path, messages) == expected
+
+
+def test_colours_of_a_slow_camera_are_at_most_a_fifth_of_a_second_away(tmp_path: Path) -> None:
+    depth = [depth_at(float(n), millimetres(n)) for n in range(1, 5)]
+    taken = numbered_colors({1: 1.19, 2: 2.21, 3: 3.3, 4: 3.9})
+    messages = sorted([*cameras(), *depth, *taken], key=lambda each: each[0])
+    assert colors_of(tmp_path, messages) == [1, None, None, 4]
 
 
 def test_depth_images_that_come_late_still_get_the_colours_of_their_time(tmp_path: Path) -> None:

@@ -168,6 +168,43 @@ def test_the_camera_of_a_folder_is_that_of_the_images_it_shows(walk: Path) -> No
     assert json.loads(done.stdout)["depth"]["width"] == 16
 
 
+def test_the_size_of_images_of_8_bits_is_read_from_their_header(walk: Path) -> None:
+    image = pytest.importorskip("PIL.Image", reason="the extra 'io' is not installed")
+    (walk / "frames.jsonl").unlink()
+    (walk / "calibration.json").unlink()
+    for path in (walk / "depth").iterdir():
+        image.fromarray(np.full((12, 16), 100, np.uint8)).save(path)
+    camera = ("--intrinsics", "15,15,7.5,5.5", "--units-per-metre", "50")
+    done = manip3d("capture", "info", walk, *camera, "--json")
+    assert done.returncode == 0, done.stderr
+    found = json.loads(done.stdout)
+    assert (found["depth"]["width"], found["depth"]["height"]) == (16, 12)
+    assert found["range"] == [2.0, 2.0]
+    for path in (walk / "depth").iterdir():
+        path.write_bytes(b"\xff\xd8\xff\xe0 no PNG, whatever its name says")
+    done = manip3d("capture", "info", walk, *camera)
+    assert done.returncode == 1
+    assert "000000.png" in error_line(done)
+    assert "expected a PNG" in error_line(done)
+
+
+def test_the_camera_of_a_tum_sequence_is_that_of_the_images_it_lists(tmp_path: Path) -> None:
+    capture.record(rgbd_frames.frames(2), f"tum:{tmp_path / 'walk'}")
+    walk = tmp_path / "walk"
+    (walk / "calibration.json").unlink()
+    (walk / "depth").rename(walk / "depth_registered")
+    listed = (walk / "depth.txt").read_text().replace(" depth/", " depth_registered/")
+    camera = ("--intrinsics", "15,15,7.5,5.5", "--json")
+    for listing in (f"# depth maps\n\n{listed}", listed.replace("\n", "\r\n")):
+        (walk / "depth.txt").write_bytes(listing.encode())
+        done = manip3d("capture", "info", walk, *camera)
+        assert done.returncode == 0, done.stderr
+        assert json.loads(done.stdout)["depth"]["width"] == 16
+    (walk / "depth.txt").write_text("# nothing\n")
+    done = manip3d("capture", "info", walk, *camera)
+    assert "--intrinsics: expected a bag or a folder of depth images, got tum:" in error_line(done)
+
+
 def test_a_folder_without_times_is_told_and_takes_a_rate(walk: Path, tmp_path: Path) -> None:
     (walk / "frames.jsonl").unlink()
     told = manip3d("capture", "info", walk)

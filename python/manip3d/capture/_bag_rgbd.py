@@ -34,8 +34,11 @@ _COLORS = ("rgb8", "bgr8", "rgba8", "bgra8", "8UC3")
 _REALSENSE_SENSOR = "/image/data"
 _NO_COLORS = ("16UC1", "mono16", "32FC1", "8UC1")
 """Encodings of compressed pictures (image_transport) that may be depth images, hence not colour."""
-_NEAR_NS = 200_000_000
-"""A colour image belongs to a depth image only if their stamps differ by less than 0.2 s."""
+_LEAST_APART_NS, _MOST_APART_NS = 20_000_000, 200_000_000
+"""A colour image belongs to a depth image if their stamps differ by at most half of the colour
+camera's period, because the image before or after it is nearer otherwise. Half a period of 30 Hz
+would be less than the 20 ms that the tools of the TUM benchmark allow for unsynchronised cameras.
+Within more than 0.2 s, people move too far."""
 _WAIT_NS = 1_000_000_000
 _MAX_WAITING = 200
 _MAX_WAITING_BYTES = 1 << 28
@@ -61,7 +64,8 @@ class BagImages:
 
     Depth comes from ``topic``, or from the only topic of depth images if ``topic`` is empty. Colour
     comes from a camera whose pose relative to the depth camera is known. A frame has the colour
-    image whose stamp is nearest, if it differs by less than 0.2 s.
+    image whose stamp is nearest, within half a period of the colour camera; no two frames have the
+    same one. ``without_color`` counts the frames without colour.
     """
 
     def __init__(
@@ -78,6 +82,8 @@ class BagImages:
         self._units = units_per_metre or _units_per_metre(found, self._depth)
         self._length = int(found["images"][self._depth]["count"])
         self.calibration, self._color = self._geometry(found, camera)
+        self._apart_ns = _most_apart_ns(found, self._color)
+        self._without_color = 0
 
     def __len__(self) -> int:
         return self._length
@@ -91,19 +97,25 @@ class BagImages:
         After the error of a damaged image the iterator continues with the next frame: images are
         decoded by `map`, because a generator ends with its first error.
         """
+        self._without_color = 0
         return map(self._decoded, islice(enumerate(self._pairs()), index, None))
+
+    @property
+    def _own_counters(self) -> dict[str, int]:
+        """Number of frames without colour since the last iteration began."""
+        return {"without_color": self._without_color}
 
     def _pairs(self) -> Iterator[tuple[BagPicture, BagPicture | None]]:
         topics = [self._depth] + ([self._color] if self._color else [])
         with closing(BagRecording(self._path, "", mode="images")) as bag:
             bag.cameras()
             pictures = (each for each in bag.messages(topics) if isinstance(each, BagPicture))
-            yield from _paired(pictures, self._depth, self._color)
+            yield from _paired(pictures, self._depth, self._color, self._apart_ns)
 
     def _decoded(self, numbered: tuple[int, tuple[BagPicture, BagPicture | None]]) -> RgbdFrame:
         number, (depth, color) = numbered
         try:
-            return RgbdFrame(
+            frame = RgbdFrame(
                 self._millimetres(depth),
                 self.calibration,
                 color=None if color is None else _three_channels(color),
@@ -113,6 +125,8 @@ class BagImages:
         except (FormatError, InputError) as error:
             reason = f"frame {number}: {getattr(error, 'reason', error)}"
             raise FormatError(reason, file=str(self._path)) from error
+        self._without_color += color is None
+        return frame
 
     def _geometry(
         self, found: Mapping[str, Any], camera: Intrinsics | RgbdCalibration | None
@@ -355,38 +369,64 @@ def _realsense_pose(found: Mapping[str, Any], depth: str, color: str) -> NDArray
     return product(to_color, np.asarray(np.linalg.inv(to_depth), np.float64))
 
 
-def _paired(
-    pictures: Iterator[BagPicture], depth: str, color: str
-) -> Iterator[tuple[BagPicture, BagPicture | None]]:
-    """Yield each depth image with the colour image of the nearest stamp.
+def _most_apart_ns(found: Mapping[str, Any], color: str) -> int:
+    """Return the largest difference of the stamps of a depth image and its colour image."""
+    period = found["images"][color]["period_ns"] if color else 0
+    if not period:  # there is one colour image, and no other that could be nearer
+        return _MOST_APART_NS
+    return min(max(period // 2, _LEAST_APART_NS), _MOST_APART_NS)
 
-    A depth image waits until a colour image of the same time or later has arrived.
+
+def _paired(
+    pictures: Iterator[BagPicture], depth: str, color: str, apart_ns: int
+) -> Iterator[tuple[BagPicture, BagPicture | None]]:
+    """Yield each depth image with the colour image of the nearest stamp, which no other one gets.
+
+    A depth image waits until a colour image of the same time or later and the next depth image have
+    arrived: a colour image that is nearer to the next one belongs to that one.
     """
     waiting: deque[BagPicture] = deque()
     colors: deque[BagPicture] = deque()
 
     def matched() -> tuple[BagPicture, BagPicture | None]:
         image = waiting.popleft()
-        now = image.header["stamp_ns"]
-        nearest = min(colors, key=lambda each: abs(each.header["stamp_ns"] - now), default=None)
-        if nearest is None or abs(nearest.header["stamp_ns"] - now) >= _NEAR_NS:
+        now = _stamp(image)
+        following = _stamp(waiting[0]) if waiting else now
+        own = [
+            each
+            for each in colors
+            if abs(_stamp(each) - now) <= apart_ns
+            and not (following > now and abs(_stamp(each) - following) < abs(_stamp(each) - now))
+        ]
+        if not own:
             return image, None
-        while colors[0] is not nearest:  # earlier ones cannot be the nearest of a later image
-            colors.popleft()
+        nearest = min(own, key=lambda each: abs(_stamp(each) - now))
+        while colors.popleft() is not nearest:  # earlier ones are farther from later images
+            pass
         return image, nearest
 
     for picture in pictures:
         (waiting if picture.header["picture"] == depth else colors).append(picture)
-        while _is_too_much(colors):
-            colors.popleft()
         while waiting and (
             not color
             or _is_too_much(waiting)
-            or (colors and colors[-1].header["stamp_ns"] >= waiting[0].header["stamp_ns"])
+            or _is_too_much(colors)
+            or (len(waiting) > 1 and colors and _stamp(colors[-1]) >= _stamp(waiting[0]))
         ):
             yield matched()
+            _shorten(colors)
+        _shorten(colors)
     while waiting:
         yield matched()
+
+
+def _stamp(picture: BagPicture) -> int:
+    return int(picture.header["stamp_ns"])
+
+
+def _shorten(pictures: deque[BagPicture]) -> None:
+    while _is_too_much(pictures):
+        pictures.popleft()
 
 
 def _is_too_much(pictures: deque[BagPicture]) -> bool:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from manip3d.camera import Intrinsics, read_intrinsics
-from manip3d.io import read_depth
+from manip3d.capture._first_image import first_depth_size
 
 _CAMERAS = ("intrinsic/intrinsic_depth.txt", "camera_intrinsic.json")
 """Files of ScanNet's exports and of Open3D's recordings."""
@@ -37,17 +37,8 @@ def camera_of_folder(folder: Path) -> Intrinsics | None:
         The file or the first image cannot be read.
     """
     file = camera_file_of(folder)
-    images = depth_images_of(folder)
-    if file is None or not images:
+    size = None if file is None else first_depth_size(folder, is_tum=False)
+    if file is None or size is None:
         return None
-    height, width = read_depth(images[0]).shape
+    width, height = size
     return read_intrinsics(file, width=width, height=height)
-
-
-def depth_images_of(folder: Path) -> list[Path]:
-    """Return the depth images of a folder of images, sorted."""
-    return sorted(
-        image
-        for image in (folder / "depth").glob("*")
-        if image.suffix.lower() == ".png" and not image.name.startswith(".")
-    )

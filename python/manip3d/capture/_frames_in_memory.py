@@ -173,8 +173,12 @@ class IteratedFrames:
         return self._calibration
 
     def counters(self) -> dict[str, int]:
-        """Return the number of frames read, and of frames left out because they were late."""
-        return {"frames": self._given, "dropped": self._dropped}
+        """Return the number of frames read, of those left out because they were late, and more.
+
+        What the frames' own source counts has a private name, for the reason of `conversions`.
+        """
+        own: Mapping[str, int] = getattr(self._all, "_own_counters", {})
+        return {"frames": self._given, "dropped": self._dropped, **own}
 
     def conversions(self) -> Mapping[str, Any]:
         """Return how the frames differ from what files hold, which `JoinedJoints` states.

@@ -136,8 +136,6 @@ def _assumed(rate: float) -> str:
 def camera_of_images(text: str, uri: str) -> Intrinsics:
     """Read ``--intrinsics`` of a folder of images or a bag, for the size of its first image."""
     from manip3d.camera import read_intrinsics
-    from manip3d.capture._folder_camera import depth_images_of
-    from manip3d.io import read_depth
 
     if uri.startswith("joints:"):
         from manip3d.capture import rgbd_address
@@ -145,22 +143,28 @@ def camera_of_images(text: str, uri: str) -> Intrinsics:
 
         place = source_and_file(uri)[0]
         return camera_of_images(text, rgbd_address(place) or place)
+    width, height = _size_of_images(uri)
+    with naming_options("intrinsics"):
+        return read_intrinsics(text, width=width, height=height)
+
+
+def _size_of_images(uri: str) -> tuple[int, int]:
+    """Return width and height of the first depth image in a bag or a folder."""
     scheme, _, folder = uri.partition(":")
     if scheme == "rgbd-bag":
         from manip3d.capture._bag import place_and_topic
         from manip3d.capture._bag_rgbd import depth_size
 
         bag, topic = place_and_topic(uri)
-        width, height = depth_size(Path(bag), topic)
-    else:
-        images = depth_images_of(Path(folder))
-        if scheme not in ("folder", "tum") or not images:
-            raise InputError(
-                f"--intrinsics: expected a bag or a folder with images in depth/, got {uri}"
-            )
-        height, width = read_depth(images[0]).shape
-    with naming_options("intrinsics"):
-        return read_intrinsics(text, width=width, height=height)
+        return depth_size(Path(bag), topic)
+    size = None
+    if scheme in ("folder", "tum"):
+        from manip3d.capture._first_image import first_depth_size
+
+        size = first_depth_size(Path(folder), is_tum=scheme == "tum")
+    if size is None:
+        raise InputError(f"--intrinsics: expected a bag or a folder of depth images, got {uri}")
+    return size
 
 
 def check_recording_output(output: Path, *, force: bool) -> None:

@@ -360,7 +360,8 @@ _CAMERA_FILES = ("calibration.json", "depth.txt", "metadata.yaml")
 
 def _is_recording(source: str, intrinsics: str) -> bool:
     """Return whether a source is a recording whose camera is known, also by ``--intrinsics``."""
-    from manip3d.capture._folder_camera import camera_file_of, depth_images_of
+    from manip3d.capture._first_image import depth_images_of
+    from manip3d.capture._folder_camera import camera_file_of
     from manip3d.io import is_url
 
     if source == "-" or is_url(source):
