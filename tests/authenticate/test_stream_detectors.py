@@ -234,13 +234,54 @@ def test_cut_out_silhouettes_are_found_and_located() -> None:
     np.testing.assert_allclose(np.median(boxes, axis=0), (120, 60, 80, 140), atol=8)
 
 
+def with_cupboard(frame: RgbdFrame, *, soft: bool = False) -> RgbdFrame:
+    """With a second box between the first one and the wall, with or without mixed pixels."""
+    depth = frame.depth.copy()
+    part = np.s_[100:160, 220:300]
+    depth[part] = np.where(depth[part] > 0, depth[part] * 0.65, 0)
+    if soft:
+        depth[100:160, 219] = depth[100:160, 300] = 2400
+    return replace(frame, depth=depth)
+
+
 def test_sharp_silhouettes_of_images_whose_wide_gaps_were_filled_are_not_accused() -> None:
-    found = authenticate.inspect_stream(stream(soft=False, gaps=False))
+    frames = [with_cupboard(frame) for frame in stream(soft=False, gaps=False)]
+    found = authenticate.inspect_stream(frames)
     assert found.verdict == "processed"
     assert [step.kind for step in found.processing] == ["filtered"]
-    assert "0.0% of the gaps within rows are wide: large ones were filled" in found.reason
+    assert re.search(
+        r"0\.0% of the gaps within rows are wide, and (100|9\d)% of the other steps in depth are "
+        "sharp, too: large ones were filled",
+        found.reason,
+    )
     assert found.regions == ()
     assert not found.masks.size
+
+
+def test_a_room_without_wide_shadows_is_no_proof_of_a_filter() -> None:
+    """Before an empty wall nothing casts a shadow, although nothing was filled."""
+    found = authenticate.inspect_stream(stream(soft=False, gaps=False))
+    assert (found.verdict, found.processing, found.regions) == ("undecidable", (), ())
+    why = "0.0% of the gaps within rows are wide: large ones were filled, or nothing in this scene"
+    assert f"{why} casts a wide shadow" in found.reason
+
+
+def test_the_power_is_stated_of_streams_that_can_be_judged_only(tmp_path: Path) -> None:
+    """It is measured before backgrounds with wide shadows, and of time of flight."""
+    for frames, verdict in (
+        (stream(), "no_trace"),
+        (stream(soft=False), "tampered"),
+        (stream(soft=False, gaps=False), "undecidable"),
+        (changed(lambda depth: depth // 10 * 10), "processed"),
+    ):
+        found = authenticate.inspect_stream(frames)
+        assert found.verdict == verdict
+        is_stated = verdict in ("no_trace", "tampered")
+        assert bool(found.power) == bool(found.record()["power"]) == is_stated
+        page = tmp_path / "stream.html"
+        report.write_stream_evidence(found, frames, page)
+        assert ("does not apply to this one" in page.read_text()) != is_stated
+        assert ("running background with wide shadows" in page.read_text()) == is_stated
 
 
 def filled_from_rims(depth: NDArray[np.uint16], pixels: int) -> NDArray[np.uint16]:
@@ -571,6 +612,44 @@ def test_time_of_flight_cameras_need_no_wide_gaps() -> None:
         depth = np.pad(frame.depth, ((92, 92), (96, 96)), mode="wrap")
         frames.append(RgbdFrame(depth, camera, number=frame.number))
     assert authenticate.inspect_stream(frames).verdict == "tampered"
+
+
+def seen_by_kinect_v2(frame: RgbdFrame) -> RgbdFrame:
+    """The image amid a larger wall, of the size of a time-of-flight camera's."""
+    camera = RgbdCalibration(Intrinsics(512, 424, 365.0, 365.0, 256.0, 212.0))
+    rng = np.random.default_rng([9, frame.number])
+    wall = 3000.0 + 18.0 * rng.standard_normal((424, 512))
+    wall[rng.random(wall.shape) < 0.002] = 0.0
+    depth = np.rint(wall).astype(np.uint16)
+    depth[92:332, 96:416] = frame.depth
+    return RgbdFrame(depth, camera, number=frame.number)
+
+
+def test_a_rendering_of_time_of_flight_with_noise_and_missing_pixels_is_undecidable() -> None:
+    """All of its silhouettes are sharp; those of a camera are soft beside somebody cut out."""
+    flat = [with_cupboard(frame) for frame in stream(soft=False, gaps=False)]
+    found = authenticate.inspect_stream([seen_by_kinect_v2(frame) for frame in flat])
+    assert (found.verdict, found.regions) == ("undecidable", ())
+    assert re.search(
+        r"so are (100|9\d)% of the other steps in depth: the images were", found.reason
+    )
+    measured = [with_cupboard(frame, soft=True) for frame in stream(soft=False, gaps=False)]
+    found = authenticate.inspect_stream([seen_by_kinect_v2(frame) for frame in measured])
+    assert found.verdict == "tampered"
+
+
+def with_hands(frame: RgbdFrame) -> RgbdFrame:
+    """With hands beside the box and nearer, which are no objects of their own."""
+    depth = frame.depth.copy()
+    for part in (np.s_[100:130, 80:86], np.s_[100:130, 240:246]):
+        depth[part] = np.where(depth[part] > 0, 1000, 0)
+    return replace(frame, depth=depth)
+
+
+def test_sharp_hands_of_somebody_cut_out_are_no_sign_of_a_rendering() -> None:
+    frames = [with_hands(frame) for frame in stream(soft=False, gaps=False)]
+    found = authenticate.inspect_stream([seen_by_kinect_v2(frame) for frame in frames])
+    assert found.verdict == "tampered"
 
 
 def test_frames_without_numbers_are_named_by_their_places() -> None:
@@ -993,7 +1072,9 @@ def test_clean_recordings_whose_wide_gaps_were_filled_are_not_accused(
     depths = fill([frame.depth for frame in frames[:10]])
     filled = [replace(frame, depth=depth) for frame, depth in zip(frames, depths, strict=False)]
     found = authenticate.inspect_stream(filled)
-    assert found.verdict == "processed"
+    # Elsewhere too few sharp steps in depth are left to prove that something was filled.
+    is_proven = (name, side) == ("scene_kitchen", "left")
+    assert found.verdict == ("processed" if is_proven else "undecidable")
     assert "large ones were filled" in found.reason
 
 

@@ -10,8 +10,10 @@ import numpy as np
 
 from manip3d import _core
 from manip3d.authenticate._filter_traces import filter_trace
+from manip3d.authenticate._passages import RELIEF, passages
 from manip3d.authenticate._stream_frames import following
 from manip3d.authenticate._stream_verdict import StreamRegion, StreamReport, box_of
+from manip3d.authenticate._verdict import Verdict
 from manip3d.camera import Intrinsics
 from manip3d.rgbd import RgbdCalibration, RgbdFrame
 
@@ -44,8 +46,26 @@ _KEPT_MORE = 1.7  # times the middle's share; these filters have 2.1 or more, cu
 _ALIKE = 0.05  # largest difference of the shares of rims and middles in repeated images
 _WIDE = 18  # pixels; least width of a row whose middle does not overlap its rims
 _MIN_WIDE = 0.2  # least share of wide rows; with fewer the object is narrow
-# depth step as a share of the depth, at which a camera's shadow is several pixels wide
-_RELIEF = 0.25
+
+_ALL_SHARP = 0.9
+"""Least share of sharp passages between other surfaces than the accused object's, of images in
+which everything is sharp. It is at least 0.95 in rendered scenes of spheres with the noise and the
+missing pixels of a camera, and at most 0.83 in forged streams before other objects that simulated
+and recorded cameras of time of flight saw (people of UTD-MHAD, waving), on which it was chosen."""
+
+_FILLED_SHARP = 0.8
+"""The same for structured light and stereo whose wide gaps were filled: some gaps remain. Without a
+filter about half of the passages are sharp, those on the side without a shadow."""
+
+_MIN_ELSEWHERE = 0.05
+"""Least number of these passages, per row of the accused object. It is at most 0.01 for waving and
+simulated people before a wall alone, and mostly 0.1 and more in the same rendered scenes."""
+
+_BESIDE_MM = 300
+_AROUND_MM, _BEFORE_MM, _BEHIND_MM = 1200, 800, 250
+"""Surfaces that may be parts of the same person as the accused object: those above or below it, up
+to 0.3 m to the left or right, and those within 1.2 m in the image, from 0.8 m before it to 0.25 m
+behind it, because arms are stretched forwards."""
 
 _TIME_OF_FLIGHT = {
     (512, 424), (640, 576), (320, 288), (512, 512), (1024, 1024), (1024, 768), (256, 192),
@@ -152,10 +172,9 @@ def _judged_along_rows(
         if _KEPT_MORE * middle > 1.0 and 1.0 - middle > _KEPT_MORE * (1.0 - rim) + _ALIKE:
             why += f", too many to tell a filter from pictures that are shown again: {cannot}"
             return StreamReport("silhouettes", "undecidable", why), (), nothing
-    if (wide := _wide_gaps(frames)) is not None and wide < _MIN_WIDE_GAPS:
-        why = f"silhouettes are sharp, but {wide:.1%} of the gaps within rows are wide: large ones"
-        why += " were filled, and whether somebody was cut out cannot be told"
-        return StreamReport("silhouettes", "processed", why, score), (), nothing
+    if (unsure := _without_shadows(frames, found)) is not None:
+        verdict, why = unsure
+        return StreamReport("silhouettes", verdict, why, score), (), nothing
     regions, masks = _cut_regions(frames, found)
     if (trace := _filled(frames) or filter_trace(frames, masks)) is not None:
         why = f"silhouettes are sharp, but {trace}, and whether somebody was cut out cannot be told"
@@ -233,7 +252,7 @@ class _Cut:
 def _cut_out(frame: RgbdFrame) -> list[_Cut]:
     """Foreground objects with the share of sharp rows on their less sharp side."""
     options = _core.SilhouetteOptions()
-    options.min_relief = _RELIEF
+    options.min_relief = RELIEF
     depth = np.ascontiguousarray(frame.depth)
     spans = _core.silhouette_spans(depth, frame.calibration.depth.fx, options)
     if not len(spans):
@@ -292,18 +311,80 @@ def _rendered(frames: Sequence[RgbdFrame]) -> str | None:
     return None
 
 
-def _wide_gaps(frames: Sequence[RgbdFrame]) -> float | None:
-    """Share of wide gaps among the gaps within rows; None for time-of-flight cameras.
+def _without_shadows(
+    frames: Sequence[RgbdFrame], found: Sequence[Sequence[_Cut]]
+) -> tuple[Verdict, str] | None:
+    """Verdict on sharp silhouettes in images without a camera's shadows, with its reason.
 
-    Structured light and stereo leave wide gaps beside foreground objects.
+    None: there is a sign of a camera, or for time of flight no sign against one. Structured light
+    and stereo leave wide gaps beside foreground objects, but a room without such objects has none.
     """
-    height, width = frames[0].depth.shape
+    elsewhere = _sharp_elsewhere(frames, found)
+    cannot = "whether somebody was cut out cannot be told"
     if _is_time_of_flight(frames[0].depth):
+        if elsewhere is None or elsewhere < _ALL_SHARP:
+            return None
+        why = f"silhouettes are sharp, but so are {elsewhere:.0%} of the other steps in depth"
+        return "undecidable", f"{why}: the images were rendered or filtered, and {cannot}"
+    if (wide := _wide_gaps(frames)) >= _MIN_WIDE_GAPS:
         return None
+    why = f"silhouettes are sharp, but {wide:.1%} of the gaps within rows are wide"
+    if elsewhere is not None and elsewhere >= _FILLED_SHARP:
+        why += f", and {elsewhere:.0%} of the other steps in depth are sharp, too"
+        return "processed", f"{why}: large ones were filled, and {cannot}"
+    why += ": large ones were filled, or nothing in this scene casts a wide shadow"
+    return "undecidable", f"{why}, and {cannot}"
+
+
+def _wide_gaps(frames: Sequence[RgbdFrame]) -> float:
+    """Share of wide gaps among the gaps within rows."""
+    height, width = frames[0].depth.shape
     widths = np.concatenate(
         [end - begin for _, begin, end in map(_gaps, (f.depth for f in frames))]
     )
     return float(np.mean(widths >= _WIDE_GAP * max(width, height))) if len(widths) else 0.0
+
+
+def _sharp_elsewhere(frames: Sequence[RgbdFrame], found: Sequence[Sequence[_Cut]]) -> float | None:
+    """Share of sharp passages between other surfaces than the accused object's; None: few are seen.
+
+    The accused object is the largest sharp one of each frame. A passage over a single missing pixel
+    is not counted, because the pixel may be missing by chance.
+    """
+    step = max(1, len(frames) // _MAX_FILLED)
+    sharp, total, rows = 0, 0, 0
+    for frame, objects in zip(frames[::step], found[::step], strict=True):
+        row, last, first = passages(frame.depth)
+        is_counted = (first != last + 2) | (frame.depth[row, last + 1] > 0)
+        accused = [cut.spans for cut in objects if cut.share >= SHARP]
+        if accused:
+            spans = max(accused, key=len)
+            rows += len(spans)
+            is_counted &= ~_may_be_of(spans, frame, (row, last, first))
+        sharp += int(np.count_nonzero(is_counted & (first == last + 1)))
+        total += int(np.count_nonzero(is_counted))
+    return sharp / total if total >= max(_MIN_ELSEWHERE * rows, _MIN_ROWS) else None
+
+
+def _may_be_of(
+    spans: NDArray[np.int32], frame: RgbdFrame, passage: tuple[NDArray[np.intp], ...]
+) -> Mask:
+    """Whether passages may belong to the object of these spans, or to other parts of a person.
+
+    Hands and legs may be objects of their own, or none.
+    """
+    row, last, first = passage
+    depth = frame.depth.astype(np.int64)
+    own = float(np.median(depth[spans[:, 0], (spans[:, 1] + spans[:, 2]) // 2]))
+    per_mm = abs(frame.calibration.depth.fx) / own
+    left, right = spans[:, 1].min(), spans[:, 2].max()
+    # distances in pixels from the object's columns and rows; at most 0 within them
+    across = np.maximum(left - first, last - right)
+    along = np.maximum(spans[0, 0] - row, row - spans[-1, 0])
+    is_around = np.maximum(across, along) <= _AROUND_MM * per_mm
+    nearer = np.minimum(depth[row, last], depth[row, first])
+    is_as_far = (nearer > own - _BEFORE_MM) & (nearer < own + _BEHIND_MM)
+    return np.asarray((across <= _BESIDE_MM * per_mm) | (is_around & is_as_far))
 
 
 def _filled(frames: Sequence[RgbdFrame]) -> str | None:

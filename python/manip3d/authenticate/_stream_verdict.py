@@ -25,20 +25,29 @@ CALIBRATION = Calibration(
 )
 """Clean frames on which `SHARP` was chosen; they are not those of `POWER`."""
 
-_STREAMS = "8 simulated people of other seeds, 8 of UTD-MHAD before the turning person's wall"
+_SIMULATED = "8 simulated people of other seeds before a simulated Kinect V2"
+_WALL = "8 people of UTD-MHAD before the turning person's wall"
 _KITCHEN = "8 people of UTD-MHAD in the red kitchen of 7-Scenes"
 
 POWER: Mapping[str, Power] = ReadOnlyMapping(
     {
-        "still background": Power(30, 32, source=_STREAMS),
-        "running background": Power(32, 32, source=_STREAMS),
-        "still background, full of near things": Power(6, 16, source=_KITCHEN),
-        "running background, moving camera": Power(10, 16, source=_KITCHEN),
+        "still background, time of flight": Power(16, 16, source=_SIMULATED),
+        "running background, time of flight": Power(16, 16, source=_SIMULATED),
+        "still background with wide shadows": Power(14, 16, source=_WALL),
+        "running background with wide shadows": Power(16, 16, source=_WALL),
+        "still background with wide shadows, full of near things": Power(6, 16, source=_KITCHEN),
+        "running background with wide shadows, moving camera": Power(10, 16, source=_KITCHEN),
     }
 )
 """Share of forged streams of `manip3d.forge.stream`, of both types, that are found; from experiment
 ``figure-5.8``. The forgeries have sharp silhouettes; blended ones are not found. The other streams
-before a still background are ``processed``."""
+before a still background are ``processed``. Before a background of structured light or stereo
+without wide shadows, such as an empty room, streams are ``undecidable``."""
+
+NO_POWER_HERE = (
+    "How many forged streams are found does not apply to this one: whether somebody was cut out of "
+    "it cannot be told."
+)
 
 
 @dataclass(frozen=True)
@@ -108,7 +117,8 @@ class StreamInspection:
     noise : (N - 1,) float64
         Inter-frame noise of the judged pairs of frames, as published.
     power : mapping of str to Power
-        Share of forged streams found, by kind, measured on streams that chose no threshold.
+        Share of forged streams found, by kind, measured on streams that chose no threshold. Empty
+        if the verdict is ``processed`` or ``undecidable``, because it does not apply then.
     calibration : Calibration
         Clean frames on which the thresholds were chosen.
     """

@@ -23,7 +23,7 @@ from manip3d.authenticate._stream_verdict import (
     StreamReport,
     box_of,
 )
-from manip3d.authenticate._verdict import Processing
+from manip3d.authenticate._verdict import NO_POWER, Processing
 from manip3d.errors import InputError
 from manip3d.rgbd import RgbdFrame, check_frames
 
@@ -167,18 +167,22 @@ def inspect_stream(frames: Iterable[RgbdFrame], *, progress: Progress = None) ->
     and images of which a part repeats exactly behind a camera's own silhouettes, are ``processed``,
     because codecs and temporal filters cause that as well. Images are also ``processed`` if
     silhouettes are sharp because missing pixels beside them keep the depth of the previous frame,
-    as RealSense's temporal filter does with a moving camera, if no wide gap is left in the image,
-    because large holes were filled, or if holes were filled a few pixels deep: depths beside what
-    is left of them are copies, or no missing pixel stands alone. A filter of the whole image also
-    shows away from the sharp silhouettes: after medians of measured pixels, minima and the like, no
-    strip of measured pixels between holes is one or two pixels wide, and after filters that keep
-    the depth of missing pixels, those that appear are not lost again in the next frames. Then the
-    images are ``processed``, too; a filter of an inserted person alone does not hide it. For
+    as RealSense's temporal filter does with a moving camera, if no wide gap is left in the image
+    although there are other steps in depth, and these are sharp, too, because large holes were
+    filled, or if holes were filled a few pixels deep: depths beside what is left of them are
+    copies, or no missing pixel stands alone. A filter of the whole image also shows away from the
+    sharp silhouettes: after medians of measured pixels, minima and the like, no strip of measured
+    pixels between holes is one or two pixels wide, and after filters that keep the depth of missing
+    pixels, those that appear are not lost again in the next frames. Then the images are
+    ``processed``, too; a filter of an inserted person alone does not hide it. Without wide gaps and
+    without other steps in depth, as before an empty wall, images are ``undecidable``. For
     time-of-flight cameras, which are recognised by the size of their images, missing wide gaps are
-    no evidence. If silhouettes have neither a step nor a gap on either side, as blended silhouettes
-    and those of time of flight, streams of other cameras are ``undecidable``; a person who was
-    blended into a time-of-flight stream leaves no trace. No verdict says that a stream is
-    authentic.
+    no evidence; if the other steps in depth are as sharp as the silhouette, their images are
+    ``undecidable``: they may be rendered. A rendering with noise and missing pixels whose other
+    objects are few, or near the accused one, is accused. If silhouettes have neither a step nor a
+    gap on either side, as blended silhouettes and those of time of flight, streams of other cameras
+    are ``undecidable``; a person who was blended into a time-of-flight stream leaves no trace. No
+    verdict says that a stream is authentic.
 
     An image that was cropped to the size of another camera is recognised if the field of view of
     its calibration is below 50 degrees. An image that was made smaller by leaving pixels out, with
@@ -212,7 +216,9 @@ def inspect_stream(frames: Iterable[RgbdFrame], *, progress: Progress = None) ->
     found = _concluded(some, noise, processing, (frozen, frozen_masks), edges)
     if has_more:
         remark += f"; of the first {MAX_FRAMES} frames, not the rest"
-    return replace(found, reason=found.reason + remark) if remark else found
+    is_judged = found.verdict in ("no_trace", "tampered")
+    power = found.power if is_judged else NO_POWER
+    return replace(found, reason=found.reason + remark, power=power)
 
 
 def _concluded(

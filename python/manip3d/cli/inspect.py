@@ -680,6 +680,8 @@ def inspect_recording(
 
 def show_stream(console: Console, found: StreamInspection) -> None:
     """Print the verdicts with their reasons, the power, and the boxes of inserted parts."""
+    from manip3d.authenticate._stream_verdict import NO_POWER_HERE
+
     console.print(f"{found.verdict}: {found.reason}", soft_wrap=True)
     console.print()
     rows = [
@@ -687,13 +689,15 @@ def show_stream(console: Console, found: StreamInspection) -> None:
         for r in found.detectors
     ]
     table(console, rows, ("detector", "verdict", "score", "reason"))
+    console.print()
     if found.power:
-        console.print()
         cells = [
             (name, f"{power.share:.0%}", f"{power.found} of {power.planted}")
             for name, power in found.power.items()
         ]
         table(console, cells, ("cut out, by forge stream", "found", "of which"))
+    else:
+        console.print(NO_POWER_HERE, soft_wrap=True)
     if found.regions:
         console.print()
         boxes = [(str(r.frame), *(str(side) for side in r.box)) for r in found.regions[:20]]

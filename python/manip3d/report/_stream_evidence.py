@@ -13,6 +13,7 @@ import numpy as np
 from manip3d import __version__
 from manip3d._util.checked import checked
 from manip3d.authenticate import depth_noise
+from manip3d.authenticate._stream_verdict import NO_POWER_HERE
 from manip3d.errors import InputError
 from manip3d.report._evidence import PAGE_STYLE
 from manip3d.report._evidence_files import sha256_of_source, write_page_or_record
@@ -107,16 +108,22 @@ def _page(inspection: StreamInspection, frames: Sequence[RgbdFrame], source: str
         + _frames(inspection, frames)
         + _curves(inspection, frames)
         + "<h2>How many streams of manip3d forge stream are found</h2>"
-        + _table(
-            ("kind of forgery", "found", "of which"),
-            [
-                (name, f"{power.share:.0%}", f"{power.found} of {power.planted}")
-                for name, power in inspection.power.items()
-            ],
-        )
+        + _power(inspection)
         + f"<p>The threshold was fixed on {inspection.calibration.num_scans} clean frames: "
         f"{html.escape(inspection.calibration.scenes)}. Note: "
         f"{html.escape(inspection.calibration.note)}.</p></html>\n"
+    )
+
+
+def _power(inspection: StreamInspection) -> str:
+    if not inspection.power:
+        return f"<p>{NO_POWER_HERE}</p>"
+    return _table(
+        ("kind of forgery", "found", "of which"),
+        [
+            (name, f"{power.share:.0%}", f"{power.found} of {power.planted}")
+            for name, power in inspection.power.items()
+        ],
     )
 
 
