@@ -63,11 +63,18 @@ void image_names(std::string_view text) {
     names.emplace_back(text.substr(0, end));
     text.remove_prefix(std::min(end + 1, text.size()));
   }
-  std::ranges::sort(names, comes_before);
-  for (std::size_t i = 1; i < names.size(); ++i) {
-    if (comes_before(names[i], names[i - 1])) std::abort();
+  for (const bool decimals : {false, true}) {
+    const auto is_before = [decimals](const std::string& a, const std::string& b) {
+      return comes_before(a, b, decimals);
+    };
+    std::ranges::sort(names, is_before);
+    for (std::size_t i = 1; i < names.size(); ++i) {
+      if (is_before(names[i], names[i - 1])) std::abort();
+    }
   }
-  for (const std::string& name : names) time_in_name(name, ImageKind::kDepth);
+  for (const std::string& name : names) {
+    if (time_in_name(name, ImageKind::kDepth).value_or(0) < 0) std::abort();
+  }
   const std::vector<std::int64_t> indices = frame_indices(names);
   for (std::size_t i = 0; i < indices.size(); ++i) {
     if (i == 0 ? indices[0] != 0 : indices[i] <= indices[i - 1]) std::abort();

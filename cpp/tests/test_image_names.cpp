@@ -35,23 +35,38 @@ TEST(ImageNames, DecimalNumbersAreInTheOrderOfTheirValues) {
                        "a1.10.png", "v1.2.3.10.png", "v1.2.10.9"};
   for (std::size_t i = 0; i < order.size(); ++i) {
     for (std::size_t k = 0; k < order.size(); ++k) {
-      EXPECT_EQ(comes_before(order[i], order[k]), i < k) << order[i] << " " << order[k];
+      EXPECT_EQ(comes_before(order[i], order[k], true), i < k) << order[i] << " " << order[k];
     }
   }
-  EXPECT_TRUE(comes_before("1.9.10.png", "1.10.9.png"));  // no decimal number
-  EXPECT_TRUE(comes_before("1.9.3ds", "1.10.3ds"));
-  EXPECT_TRUE(comes_before("1.9", "1.10"));
+  EXPECT_TRUE(comes_before("1.9.10.png", "1.10.9.png", true));  // no decimal number
+  EXPECT_TRUE(comes_before("1.9.3ds", "1.10.3ds", true));
+  EXPECT_TRUE(comes_before("1.9", "1.10", true));
+  EXPECT_TRUE(comes_before("1.9.png", "1.10.png", false));
+}
+
+TEST(ImageNames, NumbersOfTakesAndFramesAreNoDecimals) {
+  EXPECT_TRUE(has_decimals({"0.0", "0.03333", "0.1", "0.13333", "0.2"}));  // Python's floats
+  EXPECT_TRUE(has_decimals({"1700000000.5", "1700000001.0"}));
+  EXPECT_TRUE(has_decimals({"depth_7.100", "depth_7.120"}));
+  EXPECT_FALSE(has_decimals(numbered(1, 12, {}, "1.")));
+  EXPECT_FALSE(has_decimals(numbered(1, 9, {}, "1.")));
+  EXPECT_FALSE(has_decimals(numbered(1, 120, {}, "1.")));
+  EXPECT_FALSE(has_decimals({"1700000000.5", "1700000000.30"}));  // seconds.nanoseconds
+  EXPECT_FALSE(has_decimals({"1", "a", ""}));
+  EXPECT_EQ(with_whole_numbers({"1.9", "a1.10.b"}), (Names{"1 9", "a1 10.b"}));
+  EXPECT_EQ(with_whole_numbers({"1.900", "1.100"}), (Names{"1.900", "1.100"}));
 }
 
 TEST(ImageNames, TheOrderOfNamesIsStrict) {
   const Names names = {"1.5.png", "1.5a.png", "1.25.png", "1.30.2.png",
                        "1.5",     "1..png",   "1.png",    "01.5.png"};
   for (const std::string& a : names) {
-    EXPECT_FALSE(comes_before(a, a)) << a;
+    EXPECT_FALSE(comes_before(a, a, true)) << a;
     for (const std::string& b : names) {
-      EXPECT_EQ(comes_before(a, b), a != b && !comes_before(b, a)) << a << " " << b;
+      EXPECT_EQ(comes_before(a, b, true), a != b && !comes_before(b, a, true)) << a << " " << b;
       for (const std::string& c : names) {
-        EXPECT_TRUE(!comes_before(a, b) || !comes_before(b, c) || comes_before(a, c))
+        EXPECT_TRUE(!comes_before(a, b, true) || !comes_before(b, c, true) ||
+                    comes_before(a, c, true))
             << a << b << c;
       }
     }
@@ -128,7 +143,12 @@ TEST(ImageNames, NamesAgreeWithoutTheWordsForTheirKinds) {
   EXPECT_EQ(pair_by_name({"depth1", "depth2", "depth4"}, {"frame1", "frame3", "frame4"}), pairs);
   EXPECT_EQ(pair_by_name({"a", "b", "d"}, {"a", "c", "d"}), pairs);
   EXPECT_EQ(pair_by_name({"a1", "b1"}, {"b1", "a1"}), (Indices{1, 0}));
-  EXPECT_EQ(pair_by_name({"1.5", "1.25"}, {"1.250", "1.50"}), (Indices{1, 0}));
+  EXPECT_EQ(pair_by_name({"1.500", "1.250"}, {"01.250", "01.500"}), (Indices{1, 0}));
+  EXPECT_EQ(pair_by_name(numbered(1, 12, {}, "1."), numbered(1, 12, {}, "rgb_1.")), in_order(12));
+  EXPECT_EQ(pair_by_name({"1.5", "1.50"}, {"1.50", "1.5"}), (Indices{1, 0}));
+  for (const Names& names : {Names{"-1", "0", "1"}, Names{"1", "01", "2"}}) {  // the same keys
+    EXPECT_EQ(pair_by_name(names, names), in_order(3));
+  }
 }
 
 TEST(ImageNames, OtherNumbersAreInOrder) {
@@ -137,6 +157,54 @@ TEST(ImageNames, OtherNumbersAreInOrder) {
   EXPECT_EQ(pair_by_name(numbered(0, 5), numbered(100, 105)), in_order(6));
   EXPECT_EQ(pair_by_name({"a", "b"}, {"c", "d"}), in_order(2));
   EXPECT_EQ(pair_by_name({"1.5", "2.5"}, {"1.05", "2.05"}), in_order(2));
+}
+
+/// These names, each with `before` and `after`.
+Names with(const Names& names, const std::string& before, const std::string& after) {
+  Names all;
+  for (const std::string& name : names) all.push_back(before + name + after);
+  return all;
+}
+
+TEST(ImageNames, ANumberThatAllNamesHaveIsNoFrameNumber) {
+  for (const char* after : {"_640x480", "_20210304", "_cam0"}) {
+    const Names depth = with(numbered(0, 5), "", after), color = with(numbered(1, 6), "", after);
+    EXPECT_EQ(pair_by_name(depth, color), in_order(6)) << after;
+    EXPECT_EQ(pair_by_name(color, depth), in_order(6)) << after;
+    EXPECT_EQ(frame_indices(with(numbered(0, 5, {3}), "", after)), (Indices{0, 1, 2, 4, 5}))
+        << after;
+  }
+}
+
+TEST(ImageNames, FewNamesThatAgreeByChanceDoNotHideTheOrder) {
+  // SUN3D: the number of the frame, and its time.
+  EXPECT_EQ(
+      pair_by_name({"1-000000", "2-033369", "3-066738"}, {"1-000000", "2-033900", "3-066100"}),
+      in_order(3));
+  // Milliseconds since the beginning.
+  const Names depth = {"0", "33", "66", "101", "133", "167", "200", "233", "267", "301"};
+  Names color = {"0", "38", "71", "104", "138", "171", "206", "238", "271", "304"};
+  EXPECT_EQ(pair_by_name(depth, color), in_order(10));
+  color[9] = "301";
+  EXPECT_THROW(pair_by_name(depth, color), FormatError);
+  EXPECT_THROW(pair_by_name(numbered(0, 9), numbered(9, 18)), FormatError);  // frame numbers
+}
+
+TEST(ImageNames, ColorOfAHigherRateMayHaveItsOwnCounter) {
+  const Names depth = numbered(0, 9);
+  EXPECT_EQ(pair_by_name(depth, numbered(0, 10)), in_order(10));
+  try {
+    pair_by_name(depth, numbered(0, 11));
+    FAIL();
+  } catch (const FormatError& error) {
+    EXPECT_EQ(error.reason(),
+              "expected about as many colour as depth images, since both are numbered without gaps "
+              "and may have counters of their own, got 12 and 10: remove the colour images that "
+              "belong to no depth image");
+  }
+  EXPECT_EQ(pair_by_name({"0", "2", "4", "6"}, numbered(0, 7)), (Indices{0, 2, 4, 6}));
+  EXPECT_EQ(pair_by_name({"1", "2"}, numbered(0, 9)), (Indices{1, 2}));
+  EXPECT_EQ(pair_by_name({"0"}, numbered(0, 9)), Indices{0});
 }
 
 TEST(ImageNames, UnknownPairsAreRefused) {
@@ -151,6 +219,12 @@ TEST(ImageNames, UnknownPairsAreRefused) {
   is_refused({"0", "1", "3", "9"}, {"0", "2", "5", "6"});  // few numbers agree
   is_refused({"a", "b"}, {"c"});
   try {
+    pair_by_name({"1.1", "1.2"}, {"1.2"});
+    FAIL();
+  } catch (const FormatError& error) {
+    EXPECT_TRUE(error.reason().ends_with("number is 1.1")) << error.reason();
+  }
+  try {
     pair_by_name({"003", "004"}, {"004"});
     FAIL();
   } catch (const FormatError& error) {
@@ -158,6 +232,15 @@ TEST(ImageNames, UnknownPairsAreRefused) {
               "expected a colour image of the same number for each depth image, or, if no numbers "
               "agree, as many colour as depth images, got 1 and 2; the first depth image without "
               "one of its number is 003");
+  }
+  try {
+    pair_by_name({"0", "2", "3", "9"}, {"0", "2", "5", "6"});
+    FAIL();
+  } catch (const FormatError& error) {
+    EXPECT_EQ(error.reason(),
+              "expected names of depth and colour images of which all agree, or none, got 2 of 4 "
+              "that agree: rename the images of one list; the first depth image without one of its "
+              "number is 3");
   }
 }
 

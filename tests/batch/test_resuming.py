@@ -624,7 +624,7 @@ def _keys_of(verb: str, words: tuple[str, ...], monkeypatch: pytest.MonkeyPatch)
     line = [one for word in words for one in several.get(word, [word])]
     done = CliRunner().invoke(cli.app, [*verb.split(), *line])
     assert len(found) == 2, done.output
-    return [found[name] for name in sorted(found, key=by_number)]
+    return [found[name] for name in sorted(found, key=by_number(found))]
 
 
 # --- two of them from end to end ------------------------------------------------------------------

@@ -554,18 +554,25 @@ def test_plain_folders_are_in_the_order_of_their_numbers(tmp_path: Path) -> None
 NAMES = ["01.png", "1.png", "1-2.png", "1-10.png", "1a.png", "2.png", "A.png", "a.png", "a00.png"]
 NAMES += ["a0.png", "a1b2.png", "a1b10.png", "a2.png", "a-1.png", "aa.png"]
 # Decimal numbers, whose digits after the point are a fraction, and names that are none.
-NAMES += ["0.5.png", "0.25.png", "00.250.png", "1.25.png", "1.30a.png", "1.4a.png", "1.2.30.png"]
-NAMES += ["1.2.4.png", "a0.5.png", "a0.25.png"]
+DECIMALS = ["0.5.png", "0.25.png", "00.125.png", "1.25.png", "1.31a.png", "1.4a.png"]
+DECIMALS += ["1.2.31.png", "1.2.4.png", "a0.5.png", "a0.25.png"]
+TAKES = [f"1.{i}.png" for i in range(1, 13)]
 
 
-def test_plain_folders_are_sorted_as_in_python(tmp_path: Path) -> None:
+@pytest.mark.parametrize("more", [DECIMALS, TAKES, [*DECIMALS, *TAKES]])
+def test_plain_folders_are_sorted_as_in_python(more: list[str], tmp_path: Path) -> None:
     (tmp_path / "depth").mkdir()
-    for i, name in enumerate(NAMES):
+    names = [*NAMES, *more]
+    for i, name in enumerate(names):
         depth = np.full((12, 16), 1000 + i, np.uint16)
         Image.fromarray(depth).save(tmp_path / "depth" / name)
     found = opened(tmp_path, camera=Intrinsics(16, 12, 15.0, 15.0, 7.5, 5.5))
-    order = [NAMES[int(f.depth[0, 0]) - 1000] for f in found]
-    assert order == sorted(NAMES, key=by_number)
+    order = [names[int(f.depth[0, 0]) - 1000] for f in found]
+    assert order == sorted(names, key=by_number(names))
+    if more is DECIMALS:
+        assert order.index("0.25.png") < order.index("0.5.png")
+    else:
+        assert [name for name in order if name in TAKES] == TAKES
 
 
 SMALL = Intrinsics(16, 12, 15.0, 15.0, 7.5, 5.5)
@@ -634,6 +641,46 @@ def test_names_that_are_times_give_the_times(tmp_path: Path) -> None:
         (tmp_path / "depth" / f"{at + 1 + i}.5.png").write_bytes(b"")
     with pytest.raises(FormatError, match=r"preview\.png: expected a time as its name"):
         opened(tmp_path, camera=SMALL)
+
+
+@pytest.mark.parametrize("last", [9, 12, 120])
+def test_numbers_of_takes_and_frames_are_no_times(last: int, tmp_path: Path) -> None:
+    names = [f"1.{i}" for i in range(1, last + 1)]
+    files = named_images(tmp_path, names, names)
+    frames = list(opened(tmp_path, camera=SMALL, rate=10.0))
+    assert [frame.time_ns for frame in frames] == [i * 10**8 for i in range(last)]
+    assert partners(opened(tmp_path, camera=SMALL)) == [(i, i) for i in range(last)]
+    pairs = simplify.colors_of_frames(files, tmp_path / "color")
+    assert [Path(pairs[file]).stem for file in files] == names
+    assert sorted(reversed(files), key=by_number(files)) == files
+
+
+def test_times_of_two_clocks_are_refused(tmp_path: Path) -> None:
+    named_images(tmp_path, ["10.000", "10.100"], ["10.025", "10.130"])
+    with pytest.raises(FormatError, match=r"within 0\.02 s of depth images, got 0\.025000 s as"):
+        opened(tmp_path, camera=SMALL)
+
+
+@pytest.mark.parametrize(
+    ("depth", "color"),
+    [
+        ([f"{i}_640x480" for i in range(6)], [f"{i}_640x480" for i in range(1, 7)]),
+        ([f"depth_{i}_cam0" for i in range(6)], [f"rgb_{i}_cam0" for i in range(1, 7)]),
+        (["1-000", "2-033", "3-067", "4-101"], ["1-000", "2-034", "3-069", "4-100"]),
+        ([*map(str, range(0, 363, 33)), "370"], [*map(str, range(0, 396, 36)), "400"]),
+        (["-1", "0", "1"], ["-1", "0", "1"]),
+        (["1", "01", "2"], ["1", "01", "2"]),
+    ],
+)
+def test_names_are_paired_in_order_where_few_agree(
+    depth: list[str], color: list[str], tmp_path: Path
+) -> None:
+    files = named_images(tmp_path, depth, color)
+    found = partners(opened(tmp_path, camera=SMALL))
+    assert all(partner == i for i, partner in found)
+    assert len(found) == len(depth)
+    pairs = simplify.colors_of_frames(files, tmp_path / "color")
+    assert [Path(pairs[file]).stem for file in files] == color
 
 
 def random_names(rng: np.random.Generator, kind: int) -> tuple[list[str], list[str]]:

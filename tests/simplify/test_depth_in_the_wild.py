@@ -22,6 +22,7 @@ from manip3d import (
     io,
     simplify,
 )
+from manip3d._util.paths import in_order
 from manip3d.batch import find_files
 from manip3d.io._depth_files import read_mask
 from manip3d.io._images import read_color
@@ -450,10 +451,20 @@ def test_names_that_are_decimal_numbers_are_in_the_order_of_their_values(tmp_pat
 
 
 def test_time_stamps_that_agree_by_chance_are_no_names(tmp_path: Path) -> None:
-    for stamp in ("1.10", "1.23", "1.37"):
+    stamps = ["1.100", "1.230", "1.370"]
+    for stamp in stamps:
         (tmp_path / f"{stamp}.png").touch()
-    pairs = simplify.colors_of_frames(["d/1.11.png", "d/1.23.png", "d/1.36.png"], tmp_path)
-    assert [Path(image).name for image in pairs.values()] == ["1.10.png", "1.23.png", "1.37.png"]
+    pairs = simplify.colors_of_frames(["d/1.110.png", "d/1.230.png", "d/1.360.png"], tmp_path)
+    assert [Path(image).stem for image in pairs.values()] == stamps
+
+
+def test_numbers_of_takes_and_frames_are_whole(tmp_path: Path) -> None:
+    names = [f"1.{i}.bin" for i in range(1, 13)]
+    for name in names:
+        (tmp_path / name).touch()
+    found = find_files([tmp_path], suffixes=(".bin",))
+    assert [Path(file.name).name for file in found] == names
+    assert [path.name for path in in_order(tmp_path.iterdir())] == names
 
 
 def test_masks_are_told_from_depth_images_by_their_last_word() -> None:

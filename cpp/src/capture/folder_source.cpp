@@ -1,6 +1,8 @@
 #include <algorithm>
 #include <array>
 #include <cctype>
+#include <iterator>
+#include <limits>
 #include <memory>
 #include <optional>
 #include <string>
@@ -148,6 +150,13 @@ struct ImageList {
   std::vector<TimedFile> times;  ///< One per image; empty: the names are no times.
 };
 
+/// The names of files without their suffixes.
+std::vector<std::string> names_of(const std::vector<fs::path>& paths) {
+  std::vector<std::string> names;
+  for (const fs::path& path : paths) names.push_back(path.stem().string());
+  return names;
+}
+
 std::vector<fs::path> images_in(const fs::path& folder) {
   std::vector<fs::path> images;
   if (!fs::is_directory(folder)) return images;
@@ -158,8 +167,9 @@ std::vector<fs::path> images_in(const fs::path& folder) {
       images.push_back(entry.path());
     }
   }
-  std::ranges::sort(images, [](const fs::path& a, const fs::path& b) {
-    return comes_before(a.filename().native(), b.filename().native());
+  const bool decimals = has_decimals(names_of(images));
+  std::ranges::sort(images, [decimals](const fs::path& a, const fs::path& b) {
+    return comes_before(a.filename().native(), b.filename().native(), decimals);
   });
   return images;
 }
@@ -169,7 +179,9 @@ std::vector<fs::path> images_in(const fs::path& folder) {
 ImageList listed_images(const fs::path& folder, ImageKind kind) {
   ImageList list{images_in(folder), {}};
   std::vector<std::optional<std::int64_t>> times;
-  for (const fs::path& path : list.paths) times.push_back(time_in_name(path.stem().native(), kind));
+  for (const std::string& name : with_whole_numbers(names_of(list.paths))) {
+    times.push_back(time_in_name(name, kind));
+  }
   if (!are_times(times)) return list;
   for (std::size_t i = 0; i < times.size(); ++i) {
     if (times[i]) {
@@ -193,12 +205,6 @@ ImageList listed_color_images(const fs::path& folder) {
   return {};
 }
 
-std::vector<std::string> names_of(const ImageList& list) {
-  std::vector<std::string> names;
-  for (const fs::path& path : list.paths) names.push_back(path.stem().string());
-  return names;
-}
-
 /// Times in whole microseconds, as those of colors_of_frames in Python, which pairs by the same
 /// rule.
 std::vector<TimedFile> in_microseconds(std::vector<TimedFile> files) {
@@ -206,20 +212,45 @@ std::vector<TimedFile> in_microseconds(std::vector<TimedFile> files) {
   return files;
 }
 
+/// The smallest difference between the times of two sorted lists, in nanoseconds.
+std::int64_t least_difference(const std::vector<TimedFile>& files,
+                              const std::vector<TimedFile>& others) {
+  std::int64_t least = std::numeric_limits<std::int64_t>::max();
+  for (const TimedFile& file : files) {
+    const auto after = std::ranges::lower_bound(others, file.time_ns, {}, &TimedFile::time_ns);
+    if (after != others.end()) least = std::min(least, after->time_ns - file.time_ns);
+    if (after != others.begin()) least = std::min(least, file.time_ns - std::prev(after)->time_ns);
+  }
+  return least;
+}
+
+/// Pairs images by time. Lists without any pair have the times of two clocks.
+std::vector<std::int64_t> pair_by_time(const std::vector<TimedFile>& depth,
+                                       const std::vector<TimedFile>& color) {
+  std::vector<std::int64_t> partner = associate(depth, color, kMaxApart);
+  if (std::ranges::count(partner, -1) < std::ssize(partner)) return partner;
+  throw FormatError(
+      "expected colour images within 0.02 s of depth images, got " +
+          std::to_string(static_cast<double>(least_difference(depth, color)) / 1e9) +
+          " s as the smallest difference: name both by one clock, or by frame numbers",
+      {});
+}
+
 /// The index of each depth image's colour image, or -1: by the times of both, or else by their
 /// names.
+/// @throws FormatError  it is not known which images belong together.
 std::vector<std::int64_t> partners_of(const ImageList& depth, const ImageList& color) {
   if (depth.times.empty() || color.times.empty()) {
-    return pair_by_name(names_of(depth), names_of(color));
+    return pair_by_name(names_of(depth.paths), names_of(color.paths));
   }
-  return associate(in_microseconds(depth.times), in_microseconds(color.times), kMaxApart);
+  return pair_by_time(in_microseconds(depth.times), in_microseconds(color.times));
 }
 
 /// Numbers and times of the depth images' frames. Names that are no times are evenly spaced, except
 /// for gaps where frame numbers are missing.
 std::vector<FrameFiles> frames_of(const ImageList& depth, double rate) {
   std::vector<FrameFiles> frames(depth.paths.size());
-  const std::vector<std::int64_t> indices = frame_indices(names_of(depth));
+  const std::vector<std::int64_t> indices = frame_indices(names_of(depth.paths));
   for (std::size_t i = 0; i < frames.size(); ++i) {
     frames[i].depth.path = depth.paths[i];
     if (depth.times.empty()) {

@@ -15,7 +15,6 @@ namespace {
 
 constexpr std::string_view kDigits = "0123456789";
 
-bool is_digit(char c) { return c >= '0' && c <= '9'; }
 bool is_letter(char c) {
   const char lower = lower_case(c);
   return (lower >= 'a' && lower <= 'z') || static_cast<unsigned char>(c) >= 0x80;  // UTF-8
@@ -103,6 +102,8 @@ std::string by_value(std::string_view number) {
 
 constexpr char kSeparator = '/';  // no name of a file contains it
 
+std::string same_key(const std::string& name, ImageKind) { return name; }
+
 /// The words of a name without the last one for its kind.
 std::string words_key(const std::string& name, ImageKind kind) {
   std::vector<Word> words = words_of(name);
@@ -127,7 +128,7 @@ std::string numbers_key(const std::string& name, ImageKind) {
 
 using Key = std::string (*)(const std::string& name, ImageKind kind);
 
-/// The names that have a key; one that several names share tells none of them.
+/// The name that has each key; -1 for a key that several names share.
 std::unordered_map<std::string, std::int64_t> index_of_keys(const std::vector<std::string>& names,
                                                             ImageKind kind, Key key_of) {
   std::unordered_map<std::string, std::int64_t> index;
@@ -162,22 +163,46 @@ constexpr std::int64_t kMostEpoch = 4'000'000'000;   // the year 2096
 constexpr std::int64_t kMostFrames = 90'000'000;
 constexpr std::int64_t kMostSeconds = 9'000'000'000;  // so that nanoseconds fit 64 bits
 
-/// The last number of each name. Empty: a name has none that is whole and below 1e9, or they do not
-/// ascend.
-std::vector<std::int64_t> frame_numbers(const std::vector<std::string>& names) {
-  std::vector<std::int64_t> numbers;
+enum class Side { kFirst, kLast };  // of a name
+
+/// The numbers of each name, from the first or the last one on.
+std::vector<std::vector<std::string>> numbers_from(const std::vector<std::string>& names,
+                                                   Side side) {
+  std::vector<std::vector<std::string>> numbers;
   for (const std::string& name : names) {
-    std::string_view last;
-    const std::vector<Word> words = words_of(name);
-    for (const Word& word : words) {
-      if (word.is_number) last = word.text;
+    std::vector<std::string>& own = numbers.emplace_back();
+    for (Word& word : words_of(name)) {
+      if (word.is_number) own.push_back(std::move(word.text));
     }
-    const auto number = scaled_decimal(last, 0);
+    if (side == Side::kLast) std::ranges::reverse(own);
+  }
+  return numbers;
+}
+
+/// The first or the last number that is not the same in all names: others are a date or a size.
+/// Empty: a name has none that is whole and below 1e9, or they do not ascend.
+std::vector<std::int64_t> ascending_numbers(const std::vector<std::string>& names, Side side) {
+  const auto listed = numbers_from(names, side);
+  std::size_t fewest = listed.empty() ? 0 : listed[0].size(), place = 0;
+  for (const auto& own : listed) fewest = std::min(fewest, own.size());
+  if (fewest == 0) return {};
+  const auto is_constant = [&] {
+    return std::ranges::all_of(listed,
+                               [&](const auto& own) { return own[place] == listed[0][place]; });
+  };
+  while (place + 1 < fewest && is_constant()) ++place;
+  std::vector<std::int64_t> numbers;
+  for (const auto& own : listed) {
+    const auto number = scaled_decimal(own[place], 0);
     if (!number || *number >= kLeastEpoch) return {};
     if (!numbers.empty() && *number <= numbers.back()) return {};
     numbers.push_back(*number);
   }
   return numbers;
+}
+
+std::vector<std::int64_t> frame_numbers(const std::vector<std::string>& names) {
+  return ascending_numbers(names, Side::kLast);
 }
 
 std::vector<std::int64_t> differences(const std::vector<std::int64_t>& numbers) {
@@ -193,31 +218,131 @@ bool has_no_gaps(const std::vector<std::int64_t>& numbers) {
          std::ranges::count(steps, steps.empty() ? 0 : steps[0]) == std::ssize(steps);
 }
 
-/// Whether one list is numbered from 0, the other from 1, both in steps of 1.
-bool count_from_0_and_1(const std::vector<std::int64_t>& a, const std::vector<std::int64_t>& b) {
+/// Whether ascending numbers are those of frames, of which some may be lost.
+bool are_frame_numbers(const std::vector<std::int64_t>& numbers) {
+  const auto steps = differences(numbers);
+  if (steps.empty()) return false;
+  const std::int64_t step = std::ranges::min(steps);
+  const auto is_multiple = [step](std::int64_t difference) { return difference % step == 0; };
+  return 2 * std::ranges::count(steps, step) > std::ssize(steps) &&
+         (numbers.back() - numbers[0]) / step < kMostFrames &&
+         std::ranges::all_of(steps, is_multiple);
+}
+
+/// Whether both lists are counted in steps of 1, from the same number, or from 0 and 1.
+bool are_counted_alike(const std::vector<std::int64_t>& a, const std::vector<std::int64_t>& b) {
   const auto last = [](const auto& numbers) { return numbers[0] + std::ssize(numbers) - 1; };
   if (a.empty() || b.empty()) return false;
-  return std::min(a[0], b[0]) == 0 && std::max(a[0], b[0]) == 1 && a.back() == last(a) &&
-         b.back() == last(b);
+  const bool are_from_0_and_1 = std::min(a[0], b[0]) == 0 && std::max(a[0], b[0]) == 1;
+  return (a[0] == b[0] || are_from_0_and_1) && a.back() == last(a) && b.back() == last(b);
+}
+
+/// Whether two counters may have numbered the images, that of colour at a higher rate: both lists
+/// have equal steps and begin with the same number, and colour is longer than frames are lost.
+bool may_have_two_counters(const std::vector<std::int64_t>& depth,
+                           const std::vector<std::int64_t>& color) {
+  return depth.size() > 1 && color.size() > 1 && has_no_gaps(depth) && has_no_gaps(color) &&
+         depth[0] == color[0] && depth[1] == color[1] && 9 * color.size() > 10 * depth.size();
 }
 
 [[noreturn]] void refuse_pairs(const std::vector<std::string>& depth,
                                const std::vector<std::string>& color,
                                const std::vector<std::int64_t>& partner) {
+  const std::string count = std::to_string(depth.size());
   const auto first = std::ranges::find(partner, -1) - partner.begin();
+  const std::string example = "; the first depth image without one of its number is ";
+  if (depth.size() == color.size()) {
+    throw FormatError(
+        "expected names of depth and colour images of which all agree, or none, got " +
+            std::to_string(num_pairs(partner)) + " of " + count +
+            " that agree: rename the images of one list" + example + depth[first],
+        {});
+  }
   throw FormatError(
-      "expected a colour image of the same number for each depth image, or, if no "
-      "numbers agree, as many colour as depth images, got " +
-          std::to_string(color.size()) + " and " + std::to_string(depth.size()) +
-          "; the first depth image without one of its number is " + depth[first],
+      "expected a colour image of the same number for each depth image, or, if no numbers agree, "
+      "as many colour as depth images, got " +
+          std::to_string(color.size()) + " and " + count + example + depth[first],
       {});
+}
+
+[[noreturn]] void refuse_two_counters(std::size_t num_depth, std::size_t num_color) {
+  throw FormatError(
+      "expected about as many colour as depth images, since both are numbered without gaps and may "
+      "have counters of their own, got " +
+          std::to_string(num_color) + " and " + std::to_string(num_depth) +
+          ": remove the colour images that belong to no depth image",
+      {});
+}
+
+/// The pairs of names of both lists that agree in the best of the ways.
+std::vector<std::int64_t> pairs_that_agree(const std::vector<std::string>& depth,
+                                           const std::vector<std::string>& color) {
+  std::vector<std::int64_t> partner(depth.size(), -1);
+  for (const Key key : {same_key, words_key, numbers_key}) {
+    auto others = pairs_by_key(depth, color, key);
+    if (num_pairs(others) > num_pairs(partner)) partner = std::move(others);
+  }
+  return partner;
+}
+
+/// Whether lists are in the same order although few names agree, or none.
+bool have_one_order(const std::vector<std::string>& depth, const std::vector<std::string>& color,
+                    std::int64_t agreeing) {
+  if (depth.size() != color.size()) return false;
+  const auto a = frame_numbers(depth), b = frame_numbers(color);
+  const bool have_others =
+      !a.empty() && !b.empty() && !(are_frame_numbers(a) && are_frame_numbers(b));
+  return agreeing == 0 || (have_others && 10 * agreeing <= std::ssize(depth)) ||
+         are_counted_alike(a, b) ||
+         are_counted_alike(ascending_numbers(depth, Side::kFirst),
+                           ascending_numbers(color, Side::kFirst));
+}
+
+/// Both lists with_whole_numbers(), by one decision.
+std::pair<std::vector<std::string>, std::vector<std::string>> with_whole_numbers_in_both(
+    std::vector<std::string> names, const std::vector<std::string>& others) {
+  const auto count = std::ssize(names);
+  names.insert(names.end(), others.begin(), others.end());
+  names = with_whole_numbers(std::move(names));
+  std::vector<std::string> second(names.begin() + count, names.end());
+  names.erase(names.begin() + count, names.end());
+  return {std::move(names), std::move(second)};
 }
 
 }  // namespace
 
-bool comes_before(std::string_view a, std::string_view b) {
+bool has_decimals(const std::vector<std::string>& names) {
+  constexpr std::size_t kFineWhole = 5, kFineFraction = 3;  // digits; numbers of takes have fewer
+  bool is_fine = false, ends_in_0 = false, has_one_length = true;
+  std::size_t length = 0;  // of the first fraction
+  for (const std::string& name : names) {
+    for (const Word& word : words_of(name)) {
+      const std::size_t point = word.is_number ? word.text.find('.') : std::string::npos;
+      if (point == std::string::npos) continue;
+      const std::size_t digits = word.text.size() - point - 1;
+      if (length == 0) length = digits;
+      has_one_length &= digits == length;
+      is_fine |= point >= kFineWhole || digits >= kFineFraction;
+      ends_in_0 |= digits > 1 && word.text.back() == '0';
+    }
+  }
+  return is_fine && (has_one_length || !ends_in_0);
+}
+
+std::vector<std::string> with_whole_numbers(std::vector<std::string> names) {
+  if (has_decimals(names)) return names;
+  for (std::string& name : names) {
+    for (std::size_t i = 1; i + 1 < name.size(); ++i) {
+      if (name[i] == '.' && is_digit(name[i - 1]) && is_digit(name[i + 1])) name[i] = ' ';
+    }
+  }
+  return names;
+}
+
+bool comes_before(std::string_view a, std::string_view b, bool decimals) {
   const std::string_view whole_a = a, whole_b = b;
-  const std::string_view fraction_a = fraction_of(a), fraction_b = fraction_of(b);
+  const std::string_view fraction_a = decimals ? fraction_of(a) : std::string_view{};
+  const std::string_view fraction_b = decimals ? fraction_of(b) : std::string_view{};
   while (!a.empty() && !b.empty()) {
     const bool is_number = is_digit(a[0]);
     if (is_number != is_digit(b[0])) return is_number;
@@ -283,36 +408,32 @@ bool are_times(const std::vector<std::optional<std::int64_t>>& times) {
 std::vector<std::int64_t> frame_indices(const std::vector<std::string>& names) {
   std::vector<std::int64_t> indices(names.size());
   std::iota(indices.begin(), indices.end(), 0);
-  const std::vector<std::int64_t> numbers = frame_numbers(names);
-  const std::vector<std::int64_t> steps = differences(numbers);
-  if (steps.empty()) return indices;
-  const std::int64_t step = std::ranges::min(steps);
-  const auto is_multiple = [step](std::int64_t difference) { return difference % step == 0; };
-  const bool is_usual = 2 * std::ranges::count(steps, step) > std::ssize(steps);
-  const bool is_short = (numbers.back() - numbers[0]) / step < kMostFrames;
-  if (!is_usual || !is_short || !std::ranges::all_of(steps, is_multiple)) return indices;
+  const std::vector<std::int64_t> numbers = frame_numbers(with_whole_numbers(names));
+  if (!are_frame_numbers(numbers)) return indices;
+  const std::int64_t step = std::ranges::min(differences(numbers));
   for (std::size_t i = 0; i < numbers.size(); ++i) indices[i] = (numbers[i] - numbers[0]) / step;
   return indices;
 }
 
-std::vector<std::int64_t> pair_by_name(const std::vector<std::string>& depth,
-                                       const std::vector<std::string>& color) {
-  std::vector<std::int64_t> partner = pairs_by_key(depth, color, words_key);
-  if (auto others = pairs_by_key(depth, color, numbers_key);
-      num_pairs(others) > num_pairs(partner)) {
-    partner = std::move(others);
-  }
+std::vector<std::int64_t> pair_by_name(const std::vector<std::string>& depth_names,
+                                       const std::vector<std::string>& color_names) {
+  const auto [depth, color] = with_whole_numbers_in_both(depth_names, color_names);
+  std::vector<std::int64_t> partner = pairs_that_agree(depth, color);
   const std::int64_t count = std::ssize(depth), agreeing = num_pairs(partner);
-  if (agreeing == count) return partner;
   const auto a = frame_numbers(depth), b = frame_numbers(color);
-  const bool are_equally_many = depth.size() == color.size();
-  if (are_equally_many && (agreeing == 0 || count_from_0_and_1(a, b))) {
+  if (agreeing == count) {
+    if (may_have_two_counters(a, b)) refuse_two_counters(depth.size(), color.size());
+    return partner;
+  }
+  if (have_one_order(depth, color, agreeing)) {
     std::iota(partner.begin(), partner.end(), 0);
     return partner;
   }
   const int without_gaps = (has_no_gaps(a) ? 1 : 0) + (has_no_gaps(b) ? 1 : 0);
   const bool is_enough = without_gaps == 2 ? 10 * agreeing >= 9 * count : 3 * agreeing >= 2 * count;
-  if (!is_enough || (are_equally_many && without_gaps > 0)) refuse_pairs(depth, color, partner);
+  if (!is_enough || (depth.size() == color.size() && without_gaps > 0)) {
+    refuse_pairs(depth_names, color_names, partner);
+  }
   return partner;
 }
 

@@ -33,8 +33,6 @@ std::string_view trimmed(std::string_view text) {
   return text;
 }
 
-bool is_digit(char c) { return c >= '0' && c <= '9'; }
-
 /// Are commas within numbers, with blanks between these, as in "1,5 2,25 3,75"?
 bool has_decimal_commas(std::string_view line) {
   if (std::none_of(line.begin(), line.end(), LineCursor::is_blank)) return false;

@@ -7,6 +7,9 @@
 
 namespace manip3d {
 
+/// Is it one of 0 to 9, in every locale?
+inline bool is_digit(char c) { return c >= '0' && c <= '9'; }
+
 /// Converts ASCII letters only, in every locale.
 inline char lower_case(char c) {
   return c >= 'A' && c <= 'Z' ? static_cast<char>(c - 'A' + 'a') : c;

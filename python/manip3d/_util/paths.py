@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Iterable
+from collections.abc import Callable, Collection, Iterable
 from pathlib import Path
 
 from manip3d.errors import InputError
@@ -41,16 +41,51 @@ def is_hidden(name: str) -> bool:
 
 _DECIMAL = re.compile(r"(?:^|/)[0-9]+\.([0-9]+)\.[^./0-9][^/]*$")
 """A path whose last name is a decimal number with a suffix; the group is its fraction."""
+_WHOLE_DIGITS, _FRACTION_DIGITS = 5, 3  # of times; numbers of takes have fewer
+
+_Key = tuple[tuple[tuple[int, str, int], ...], str]
 
 
-def by_number(name: str) -> tuple[tuple[tuple[int, str, int], ...], str]:
-    """Return a key that sorts names with numbers in them by value, so that 2 is before 10.
+def has_decimals(stems: Iterable[str]) -> bool:
+    """Return whether numbers with a point, in the names of one list, are decimals, as times are.
 
-    A name that is a decimal number, apart from its suffix, is sorted by its value: 0.25.png is
-    before 0.5.png. In other names (``scan1.25.png``) each run of digits is a whole number.
+    Otherwise the point is between two whole numbers: 1.9, 1.10, 1.11 are frames of a take. Decimals
+    are as fine as times: one has five digits before its point or three after it. All have as many
+    digits after the point, or none has a 0 at its end, as programs write 1.5 for 1.50. The rule is
+    that of ``has_decimals`` in cpp/src/capture/image_names.cpp.
     """
+    found = [number for stem in stems for number in re.findall(r"([0-9]+)\.([0-9]+)", stem)]
+    is_fine = any(len(w) >= _WHOLE_DIGITS or len(f) >= _FRACTION_DIGITS for w, f in found)
+    have_one_length = len({len(fraction) for _, fraction in found}) == 1
+    end_in_0 = any(len(fraction) > 1 and fraction.endswith("0") for _, fraction in found)
+    return is_fine and (have_one_length or not end_in_0)
+
+
+def by_number(names: Collection[str]) -> Callable[[str], _Key]:
+    """Return the key that sorts these names, numbers in them by value, so that 2 is before 10.
+
+    If numbers with a point are decimals in them (`has_decimals`), names of only such a number and a
+    suffix are sorted by its value: 0.25.png is before 0.5.png. In other names (``scan1.25.png``)
+    each run of digits is a whole number.
+    """
+    stems = (name.rpartition("/")[2].rpartition(".")[0] for name in names)
+    return _key_of_decimal if has_decimals(stems) else _key_of
+
+
+def in_order(paths: Iterable[Path]) -> list[Path]:
+    """Return paths sorted by their names, numbers in them by value."""
+    listed = list(paths)
+    key = by_number([path.name for path in listed])
+    return sorted(listed, key=lambda path: key(path.name))
+
+
+def _key_of_decimal(name: str) -> _Key:
     decimal = _DECIMAL.search(name)
-    fraction = decimal.start(1) if decimal else -1
+    return _key_of(name, decimal.start(1) if decimal else -1)
+
+
+def _key_of(name: str, fraction: int = -1) -> _Key:
+    """Return the key of a name; ``fraction`` is where its digits after the point begin."""
     key: list[tuple[int, str, int]] = []
     for part in re.finditer(r"[0-9]+|[^0-9]+", name):
         text = part.group()
@@ -61,8 +96,3 @@ def by_number(name: str) -> tuple[tuple[tuple[int, str, int], ...], str]:
         else:
             key.append((1, text, 0))
     return tuple(key), name  # the name distinguishes 01 from 1
-
-
-def in_order(paths: Iterable[Path]) -> list[Path]:
-    """Return paths sorted by their names, numbers in them by value."""
-    return sorted(paths, key=lambda path: by_number(path.name))

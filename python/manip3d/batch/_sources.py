@@ -161,7 +161,7 @@ def find_files(
         name = source if is_url(source) else os.fspath(path_of(source, "sources"))
         for file in _remote(str(name), suffixes) if is_url(source) else _local(str(name), suffixes):
             found.setdefault(file.name, file)
-    return [found[name] for name in sorted(found, key=by_number)]
+    return [found[name] for name in sorted(found, key=by_number(found))]
 
 
 @checked
@@ -218,7 +218,7 @@ def find_drives(
             continue
         for drive in _drives_of(str(path_of(source, "sources")), suffixes):
             found.setdefault(drive.name, drive)
-    return [found[name] for name in sorted(found, key=by_number)]
+    return [found[name] for name in sorted(found, key=by_number(found))]
 
 
 def _plain_name(address: str) -> str:

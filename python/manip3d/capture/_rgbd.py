@@ -156,11 +156,17 @@ def open_rgbd(
     ``colour`` or ``rgb``.
 
     - Names that are times (in seconds with a fraction, or in smaller units since 1970) are the
-      times of the frames, and images at most 0.02 s apart are paired, as in a TUM sequence.
+      times of the frames, and images at most 0.02 s apart are paired, as in a TUM sequence; it is
+      an error if there are none. Numbers with a point are such times if one has five digits before
+      it or three after it, as in 7.125; in 1.9, 1.10, 1.11 they are two whole numbers.
     - Other images are evenly spaced, with gaps in `RgbdFrame.number` and ``time_ns`` where numbers
       are missing. They are paired by the numbers in their names, or by equal names. Lists of equal
-      length are paired in order if no names agree, or if one is numbered from 0, the other from 1,
-      and no number is missing.
+      length are paired in order if no names agree; if at most one in ten does, and the numbers are
+      no frame numbers (milliseconds, say); or if both are counted from the same number, or one from
+      0, the other from 1, and no number is missing. The number that counts is the last one that
+      changes from name to name, or the first.
+    - It is an error if both are counted from the same number, none is missing, and there are more
+      than ten colour images for nine depth images: they may have counters of their own.
     - It is an error if less than two thirds of the depth images have a colour image of their number
       (nine of ten if no number is missing), or if lists of equal length differ although one of them
       lacks no number.

@@ -133,7 +133,7 @@ def _find_scans(sources: Sequence[str], *, suffixes: Sequence[str]) -> list[Sour
         if files and not is_url(source) and Path(source).is_dir():
             _check_no_pictures(source, files)
         found |= {file.name: file for file in files if file.name not in found}
-    return [found[name] for name in sorted(found, key=by_number)]
+    return [found[name] for name in sorted(found, key=by_number(found))]
 
 
 def _check_no_pictures(source: str, texts: Sequence[SourceFile]) -> None:

@@ -105,7 +105,7 @@ class Many:
             found |= {
                 f.name: f for f in files if f.name not in found and not f.name.startswith(inside)
             }
-        return [found[name] for name in sorted(found, key=by_number)]
+        return [found[name] for name in sorted(found, key=by_number(found))]
 
     def _whole_folders(self, source: Path) -> Iterator[SourceFile]:
         """Yield the folder if it is a single source, such as a recording, else those within it."""

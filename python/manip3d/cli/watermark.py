@@ -348,7 +348,7 @@ def _with_scans_of_records(files: list[SourceFile]) -> list[SourceFile]:
             found.setdefault(more.name, more)
         if not scans:
             found[file.name] = file
-    return [found[name] for name in sorted(found, key=by_number)]
+    return [found[name] for name in sorted(found, key=by_number(found))]
 
 
 @app.command("verify")

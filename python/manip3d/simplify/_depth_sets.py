@@ -6,14 +6,15 @@ import math
 import os
 import re
 from collections import Counter
-from collections.abc import Hashable, Sequence
+from collections.abc import Callable, Hashable, Sequence
 from fractions import Fraction
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 
 from manip3d._util.checked import checked
-from manip3d._util.paths import by_number, in_order, path_of
+from manip3d._util.paths import by_number, has_decimals, in_order, is_hidden, path_of
 from manip3d.camera import camera_depth_unit
 from manip3d.errors import FormatError, InputError
 from manip3d.io import DEPTH_SUFFIXES, read_depth_guessing
@@ -23,6 +24,8 @@ from manip3d.simplify._time_stamps import MAX_SECONDS_APART, associate, seconds
 _NUMBER = r"[0-9]+(?:\.[0-9]+)?"
 _IMAGE_SUFFIXES = (*DEPTH_SUFFIXES, ".jpg", ".jpeg", ".bmp", ".ppm", ".webp")
 _FRAMES_FOR_A_GUESS = 9
+_LEAST_EPOCH = 10**9  # the year 2001 in seconds since 1970: greater numbers are no frame numbers
+_MOST_FRAMES = 90_000_000
 _MOST_SECONDS = 9e9  # greater numbers are dates; nanoseconds of these do not fit 64 bits
 
 
@@ -36,7 +39,8 @@ def colors_of_frames(
     """Return the colour image of each depth image.
 
     The rule is that of `manip3d.capture.open_rgbd`, with the difference that each depth image needs
-    a colour image.
+    a colour image, and that depth images may be a selection: any number of colour images may be
+    left over.
 
     If each depth image has a colour image of the same name (without suffix), they are matched by
     name, and other colour images are ignored. Names are also the same if they differ only in the
@@ -46,10 +50,13 @@ def colors_of_frames(
     times in seconds with a fraction, or in smaller units since 1970, they are paired as those of a
     TUM folder: the most pairs at most 0.02 s apart, each image once, in the order of time, and of
     these the least differences. If they are not, both are sorted by name (numbers in names by their
-    value) and matched in order, provided that none has the name of another, or that one is numbered
-    from 0, the other from 1, and no number is missing. If only some depth images have a colour
-    image of their name, it is an error, as the order would be shifted. Hidden files and files whose
-    suffix is not that of an image are ignored.
+    value) and matched in order, provided that none has the name of another; that one in ten has at
+    most, and the numbers are no frame numbers (milliseconds, say); or that both are counted without
+    gaps, from the same number, or one from 0, the other from 1 (by the first or the last number
+    that changes from name to name). If only some depth images have a colour image of their name, it
+    is an error otherwise, as the order would be shifted. Numbers with a point are decimals if they
+    are as fine as times, or else two whole numbers (1.9, 1.10). Hidden files and files whose suffix
+    is not that of an image are ignored.
 
     If ``colors`` also holds the depth images, these are left out, and only images with such a word
     in their names are matched in order. Masks and confidences then need their word in any case.
@@ -94,20 +101,25 @@ def colors_of_frames(
     images = [path for path in found if os.path.realpath(path) not in own]
     shares_folder = len(images) < len(found)
     named = [path for path in images if _WORDS[name] & set(_words(path.stem))]
-    names = sorted((os.fspath(frame) for frame in frames), key=by_number)
+    names = [os.fspath(frame) for frame in frames]
+    names.sort(key=by_number(names))
     # Beside the depth images, a file without the word for a mask would be a colour image.
     needs_word = shares_folder and name != "color"
     candidates = named if shares_folder else images
-    best = _by_name(names, named if needs_word else images, candidates, named, name)
+    files = [Path(frame) for frame in names]
+    stem = _stems_of([*files, *candidates])
+    best = _by_name(files, named if needs_word else images, candidates, named, name, stem)
     chosen = [image for image in best if image is not None]
     if len(chosen) < len(frames):
-        stamps = [_time_of(Path(frame).stem, "depth") for frame in names]
-        times = [_time_of(path.stem, name) for path in candidates]
+        stamps = [_time_of(each, "depth") for each in map(_stems_of(files), files)]
+        times = [_time_of(each, name) for each in map(_stems_of(candidates), candidates)]
         if _are_times(stamps) and _are_times(times):
             pairs = associate(stamps, times)
             best = [None if i is None else candidates[i] for i in pairs]
             chosen = _all_of(best, names, f"within {MAX_SECONDS_APART} s", colors, name)
-        elif chosen and not _count_from_0_and_1(names, candidates):
+        elif chosen and not _have_one_order(
+            [stem(path) for path in files], [stem(path) for path in candidates], len(chosen)
+        ):
             chosen = _all_of(best, names, "by the name", colors, name)
         else:
             chosen = candidates
@@ -120,30 +132,41 @@ def colors_of_frames(
     return dict(zip(names, map(str, chosen), strict=True))
 
 
+def _stems_of(paths: Sequence[Path]) -> Callable[[Path], str]:
+    """Return the function that gives the name of one of these paths, without its suffix.
+
+    Unless they are decimals, numbers with a point become two numbers.
+    """
+    if has_decimals(path.stem for path in paths):
+        return lambda path: path.stem
+    return lambda path: re.sub(r"(?<=[0-9])\.(?=[0-9])", " ", path.stem)
+
+
 def _by_name(
-    frames: Sequence[str],
+    frames: Sequence[Path],
     images: Sequence[Path],
     candidates: Sequence[Path],
     named: Sequence[Path],
     kind: str,
+    stem: Callable[[Path], str],
 ) -> list[Path | None]:
     """Return the image of each depth image's name; None: there is none.
 
     ``named`` are those of the images that have the word for their kind in their names;
     ``candidates`` are those that may have other words than the depth images.
     """
-    stems = [Path(frame).stem for frame in frames]
-    keys = [_without(_words(stem), "depth") for stem in stems]
-    names = [_without(_words(path.stem), kind) for path in named]
+    stems = [stem(frame) for frame in frames]
+    keys = [_without(_words(each), "depth") for each in stems]
+    names = [_without(_words(stem(path)), kind) for path in named]
     tries = [
         _by_key(keys, named, names),
         _by_key(keys, named, [_without(words, "depth") for words in names]),  # 1_depth_mask
-        _by_key(stems, images, [path.stem for path in images]),
-        _by_key(keys, images, [_words(path.stem) for path in images]),
+        _by_key(stems, images, [stem(path) for path in images]),
+        _by_key(keys, images, [_words(stem(path)) for path in images]),
         _by_key(
-            [_numbers(stem) or stem for stem in stems],
+            [_numbers(each) or each for each in stems],
             candidates,
-            [_numbers(path.stem) or path.stem for path in candidates],
+            [_numbers(stem(path)) or stem(path) for path in candidates],
         ),
     ]
     return max(tries, key=lambda pairs: sum(image is not None for image in pairs))
@@ -228,12 +251,49 @@ def _time_of(stem: str, kind: str) -> float:
     return time if is_time and time < _MOST_SECONDS else math.nan
 
 
-def _count_from_0_and_1(frames: Sequence[str], images: Sequence[Path]) -> bool:
-    """Return whether one of two lists is numbered from 0, the other from 1, both without gaps."""
-    stems = [Path(frame).stem for frame in frames]
-    lists = [[_numbers(stem)[-1:] for stem in each] for each in (stems, [p.stem for p in images])]
-    wanted = [[(Fraction(i),) for i in range(first, first + len(frames))] for first in (0, 1)]
-    return lists in (wanted, wanted[::-1])
+def _have_one_order(stems: Sequence[str], others: Sequence[str], agreeing: int) -> bool:
+    """Return whether two lists are in the same order although few names agree.
+
+    The rule is that of ``have_one_order`` in cpp/src/capture/image_names.cpp.
+    """
+    if len(stems) != len(others):
+        return False
+    last = _ascending_numbers(stems, -1), _ascending_numbers(others, -1)
+    first = _ascending_numbers(stems, 1), _ascending_numbers(others, 1)
+    have_others = all(last) and not all(map(_are_frame_numbers, last))
+    few = have_others and 10 * agreeing <= len(stems)
+    return few or _are_counted_alike(*last) or _are_counted_alike(*first)
+
+
+def _ascending_numbers(stems: Sequence[str], step: int) -> list[int]:
+    """Return the first (step 1) or last (-1) number that is not the same in all names.
+
+    Others are a date or a size. Empty: a name has none that is below 1e9, or they do not ascend.
+    """
+    places = list(zip(*(_numbers(stem)[::step] for stem in stems), strict=False))
+    changing = [place for place in places if len(set(place)) > 1] or places[-1:]
+    numbers = [int(number) for number in changing[0]] if changing else []
+    ascend = all(a < b for a, b in pairwise(numbers))
+    return numbers if ascend and numbers and numbers[-1] < _LEAST_EPOCH else []
+
+
+def _are_frame_numbers(numbers: Sequence[int]) -> bool:
+    """Return whether ascending numbers are those of frames, of which some may be lost."""
+    steps = [b - a for a, b in pairwise(numbers)]
+    if not steps:
+        return False
+    step = min(steps)
+    is_usual = 2 * steps.count(step) > len(steps)
+    is_short = (numbers[-1] - numbers[0]) // step < _MOST_FRAMES
+    return is_usual and is_short and all(each % step == 0 for each in steps)
+
+
+def _are_counted_alike(a: Sequence[int], b: Sequence[int]) -> bool:
+    """Return whether both are counted in steps of 1, from the same number, or from 0 and 1."""
+    if not a or not b:
+        return False
+    have_no_gaps = all(each[-1] == each[0] + len(each) - 1 for each in (a, b))
+    return have_no_gaps and (a[0] == b[0] or {a[0], b[0]} == {0, 1})
 
 
 def _are_times(stamps: Sequence[float]) -> bool:
@@ -250,9 +310,7 @@ def _by_key(
 
 
 def _is_image(path: Path) -> bool:
-    return (
-        path.suffix.lower() in _IMAGE_SUFFIXES and not path.name.startswith(".") and path.is_file()
-    )
+    return path.suffix.lower() in _IMAGE_SUFFIXES and not is_hidden(path.name) and path.is_file()
 
 
 @checked

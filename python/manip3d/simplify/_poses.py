@@ -180,7 +180,8 @@ def _of_transforms(files: Sequence[Path], place: Path) -> list[NDArray[np.float6
     asked = [_frame_name(plain_name(file)) for file in files]
     if not any(name in named for name in asked):
         if all(paths):
-            order = sorted(range(len(paths)), key=lambda i: by_number(paths[i]))
+            key = by_number(paths)
+            order = sorted(range(len(paths)), key=lambda i: key(paths[i]))
             poses = [poses[i] for i in order]
         return _in_order(files, poses, place, words="names of frames")
     for name, file in zip(asked, files, strict=True):
