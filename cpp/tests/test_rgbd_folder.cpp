@@ -241,6 +241,18 @@ TEST(TumList, CommasAndAByteOrderMarkAreBlanks) {
   EXPECT_EQ(with_decimal_comma[1].time_ns, 12'250'000'000);
   EXPECT_EQ(parse_tum_list("12,a.png\n", exists).files.at(0).time_ns, 12'000'000'000);
   EXPECT_THROW(parse_tum_list("1.0,\n", exists), FormatError);
+  EXPECT_EQ(parse_tum_list("1.0 depth/a,1.png\n", exists).files.at(0).name, "depth/a,1.png");
+  EXPECT_EQ(parse_tum_list("1,5 depth/a,1.png\n", exists).files.at(0).name, "depth/a,1.png");
+  EXPECT_EQ(parse_tum_list("12,25\n", exists).files.at(0).name, "25");
+  for (const char* text : {"#\n1,05,a.png\n", "#\n1,05, a.png\n", "#\n1,05 ,a.png\n"}) {
+    try {
+      parse_tum_list(text, exists);
+      FAIL() << text;
+    } catch (const FormatError& error) {
+      EXPECT_EQ(error.reason(), "time: expected a decimal point, or blanks behind the time");
+      EXPECT_EQ(error.position().line, 2) << text;
+    }
+  }
   EXPECT_THROW(parse_tum_list("1.0,/a.png\n", exists), FormatError);
   EXPECT_THROW(parse_tum_list("1.0 a.png\n\xEF\xBB\xBF"
                               "1.1 b.png\n",

@@ -23,6 +23,8 @@ from manip3d import (
     capture,
     simplify,
 )
+from manip3d.capture._first_image import first_depth_size
+from manip3d.cli.terminal import left_out
 from manip3d.simplify._time_stamps import associate
 from rgbd_frames import CALIBRATION, CAMERA, STEP, assert_same
 
@@ -456,3 +458,39 @@ def test_a_warning_names_the_line_that_opened(tmp_path: Path, opening: Any) -> N
     with pytest.warns(UserWarning, match="camera: expected a calibration") as warned:
         opening(f"tum:{tmp_path / 'a'}")
     assert warned[0].filename == __file__
+
+
+@pytest.mark.parametrize(
+    ("line", "listed"),
+    [
+        ("12.25 depth/a.png", "depth/a.png"),
+        ("12,25 depth/a.png", "depth/a.png"),
+        ("-1,5 depth/a,1.png", "depth/a,1.png"),
+        ("1.0 depth/a,1.png", "depth/a,1.png"),
+        ("12.25, depth/a.png", "depth/a.png"),
+        ("12.25\t,depth/a.png,more", "depth/a.png"),
+        ("12,depth/a.png", "depth/a.png"),
+        (",12.25 depth/a.png # of the first frame", "depth/a.png"),
+    ],
+)
+def test_the_first_image_is_that_of_the_list(line: str, listed: str, tmp_path: Path) -> None:
+    (tmp_path / "depth").mkdir()
+    cv2.imwrite(str(tmp_path / listed), np.full((12, 16), 5000, np.uint16))
+    (tmp_path / "depth.txt").write_text(f"# time, file\n\n{line}\n")
+    assert first_depth_size(tmp_path, is_tum=True) == (16, 12)
+    (frame,) = capture.open_rgbd(f"tum:{tmp_path}", camera=Intrinsics(16, 12, 15.0, 15.0, 8.0, 6.0))
+    assert frame.depth.shape == (12, 16)
+
+
+def test_an_ambiguous_comma_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "depth.txt").write_text("1.0 a.png\n1,05,a.png\n")
+    with pytest.raises(FormatError, match=r"line 2: time: expected a decimal point"):
+        capture.open_rgbd(f"tum:{tmp_path}")
+    (tmp_path / "depth.txt").write_text("1,05,a.png\n")
+    assert first_depth_size(tmp_path, is_tum=True) is None
+
+
+def test_frames_without_a_colour_image_are_told_of() -> None:
+    assert left_out({"frames": 5, "without_color": 2}) == ["2 frames without a colour image"]
+    assert left_out({"frames": 5, "without_color": 5}) == []  # a recording without colour
+    assert left_out({"frames": 5, "without_color": 0}) == []

@@ -10,6 +10,7 @@
 #include "capture/rgbd_json.hpp"
 #include "manip3d/error.hpp"
 #include "parse/json_text.hpp"
+#include "parse/letters.hpp"
 #include "parse/line_cursor.hpp"
 
 // Parsers of the text files that describe the frames of a folder.
@@ -32,7 +33,7 @@ JsonPlace::Json parse_bounded(std::string_view text) {
 std::string file_name(const JsonPlace& place) {
   const std::string& name = place.text();
   const auto is_plain = [](char c) {
-    return (c >= '0' && c <= '9') || (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || c == '_' ||
+    return is_digit(c) || (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || c == '_' ||
            c == '-' || c == '.';
   };
   if (name.empty() || name.front() == '.' || !std::ranges::all_of(name, is_plain)) {
@@ -57,25 +58,35 @@ bool is_inside(std::string_view path) {
 bool has_decimal_comma(std::string_view word) {
   if (word.starts_with('-') || word.starts_with('+')) word.remove_prefix(1);
   const std::size_t comma = word.find(',');
-  const auto is_digit = [](char c) { return c >= '0' && c <= '9'; };
   return comma != 0 && comma + 1 < word.size() && std::ranges::count(word, ',') == 1 &&
          std::ranges::count_if(word, is_digit) == std::ssize(word) - 1;
 }
 
-/// Makes commas blanks, as the benchmark's associate.py does, except for a time's decimal comma.
-std::string without_commas(std::string_view text) {
-  LineCursor words(text, 0);
-  const std::string_view time = words.word();
-  const bool is_decimal = has_decimal_comma(time) && !words.at_end();
-  std::string line{text};
-  const auto from = is_decimal ? words.position() - text.data() : 0;
-  std::replace(line.begin() + from, line.end(), ',', ' ');
-  return line;
+/// Makes commas blanks, as the benchmark's associate.py does, if one follows the time. Others are
+/// the time's decimal comma or belong to the name of the file.
+std::string without_commas(std::string_view text, std::int64_t line) {
+  LineCursor words(text, line);
+  const std::string_view word = words.word();
+  const bool is_last = words.at_end();
+  const std::size_t comma = word.find(',');
+  const bool is_followed = words.position() < text.data() + text.size() && *words.position() == ',';
+  // The word up to its second comma
+  const std::string_view time =
+      word.substr(0, comma == word.npos ? comma : word.find(',', comma + 1));
+  std::string blank{text};
+  if (has_decimal_comma(time)) {
+    if (time.size() < word.size() || is_followed) {
+      throw FormatError::at_line(line, "time: expected a decimal point, or blanks behind the time");
+    }
+    if (!is_last) return blank;
+  }
+  if (comma != word.npos || is_followed) std::ranges::replace(blank, ',', ' ');
+  return blank;
 }
 
 /// Parses a line of a TUM sequence's list; returns nothing if it is blank or a comment.
 std::optional<TimedFile> timed_file(std::string_view text, std::int64_t line) {
-  const std::string spaced = without_commas(text);
+  const std::string spaced = without_commas(text, line);
   LineCursor words(spaced, line);
   if (words.at_end()) return std::nullopt;
   constexpr double kMaxSeconds = 9e9;  // so that nanoseconds fit 64 bits

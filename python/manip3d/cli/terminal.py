@@ -300,12 +300,15 @@ _LEFT_OUT = {
 
 
 def left_out(counters: Mapping[str, int]) -> list[str]:
-    """Return messages about frames that a source left out of a recording."""
+    """Return messages about frames of a recording that a source left out, or their colour."""
     told = [
         f"{counted(number, 'frame')} left out: {words}"
         for name, words in _LEFT_OUT.items()
         if (number := counters.get(name, 0))
     ]
+    without = counters.get("without_color", 0)
+    if 0 < without < counters.get("frames", 0):  # all: a source without colour
+        told.append(f"{counted(without, 'frame')} without a colour image")
     if counters.get("cut_short") or counters.get("incomplete"):
         told.append("the recording ends in the middle of a frame: its end is missing")
     return told
