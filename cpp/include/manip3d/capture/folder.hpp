@@ -28,7 +28,8 @@ namespace manip3d {
 ///
 /// If the names of depth images are times (in seconds with a fraction, or with so many digits that
 /// they count milliseconds or less since 1970), these are the times of the frames, and colour
-/// images whose names are times are paired with them as in open_tum(). Otherwise there are no
+/// images whose names are times are paired with them as in open_tum(), at least one of them (see
+/// has_decimals() in src/capture/image_names.hpp for names such as 1.10). Otherwise there are no
 /// times: frames are evenly spaced, `options.rate` a second (0: kFolderRate), with gaps in their
 /// times and numbers where frame numbers are missing. Colour images are then paired by the numbers
 /// in the names, or in order if no numbers agree (see pair_by_name() in
@@ -42,11 +43,12 @@ std::unique_ptr<RgbdSource> open_folder(const std::filesystem::path& folder,
 inline constexpr int kFolderRate = 30;  ///< Frames per second of folders without times.
 
 /// Opens `tum:`, a sequence of the TUM RGB-D benchmark [Sturm et al., IROS 2012]. depth.txt and
-/// rgb.txt list times and files, separated by blanks, tabs or commas; a sequence without colour has
-/// no rgb.txt. 5000 depth units are a metre. Depth and colour images within 0.02 s are paired, each
-/// in one pair at most: as many as possible, and of these pairings the one with the least sum of
-/// differences. The counter `without_color` counts depth images without a colour image. If a list
-/// ends within a line, this line is left out, and the counter `incomplete` is 1.
+/// rgb.txt list times and files, separated by blanks and tabs, or by commas if one follows the
+/// time; a sequence without colour has no rgb.txt. 5000 depth units are a metre. Depth and colour
+/// images within 0.02 s are paired, each in one pair at most: as many as possible, and of these
+/// pairings the one with the least sum of differences. The counter `without_color` counts depth
+/// images without a colour image. If a list ends within a line, this line is left out, and the
+/// counter `incomplete` is 1.
 ///
 /// The camera is `options.calibration` if given, else that of the folder's calibration.json.
 /// Without both, the folder's name decides: with freiburg1 to 3 or fr1 to 3 in it, the camera is
