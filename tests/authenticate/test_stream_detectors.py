@@ -652,6 +652,23 @@ def test_sharp_hands_of_somebody_cut_out_are_no_sign_of_a_rendering() -> None:
     assert found.verdict == "tampered"
 
 
+@pytest.mark.parametrize("rows", [slice(60, 200), slice(60, 145)])
+def test_somebody_whose_middle_is_missing_is_compared_with_other_steps(rows: slice) -> None:
+    """A dark stripe on clothes is not measured, in all of the rows or in half of them."""
+
+    def striped(frame: RgbdFrame) -> RgbdFrame:
+        depth = frame.depth.copy()
+        depth[rows, 157:163] = 0
+        return replace(frame, depth=depth)
+
+    frames = [striped(frame) for frame in stream(soft=False)]
+    assert authenticate.inspect_stream(frames).verdict == "tampered"
+    flat = [striped(with_cupboard(frame)) for frame in stream(soft=False, gaps=False)]
+    seen = [seen_by_kinect_v2(frame) for frame in flat]
+    assert authenticate.inspect_stream(seen).verdict == "undecidable"
+    assert authenticate.inspect_stream(flat).verdict == "processed"
+
+
 def test_frames_without_numbers_are_named_by_their_places() -> None:
     frames = [sensed(n, soft=not 4 <= n < 10) for n in range(14)]
     unnumbered = [replace(frame, number=7) for frame in frames]

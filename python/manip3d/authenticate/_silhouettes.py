@@ -196,14 +196,20 @@ def _cut_regions(
         for cut in objects:
             if cut.share < SHARP:
                 continue
-            # 1 where a span begins, -1 behind its end
-            edges = np.zeros((height, width + 1), np.int32)
-            np.add.at(edges, (cut.spans[:, 0], cut.spans[:, 1]), 1)
-            np.add.at(edges, (cut.spans[:, 0], cut.spans[:, 2]), -1)
-            inside = np.cumsum(edges, axis=1)[:, :-1] > 0
+            inside = _inside(cut.spans, (height, width))
             mask |= inside & (frame.depth > 0)
             regions.append(StreamRegion(frame.number, box_of(inside), cut.share))
     return tuple(regions), masks
+
+
+def _inside(spans: NDArray[np.int32], shape: tuple[int, int]) -> Mask:
+    """Pixels of an image that lie within any of the spans."""
+    height, width = shape
+    # 1 where a span begins, -1 behind its end
+    edges = np.zeros((height, width + 1), np.int32)
+    np.add.at(edges, (spans[:, 0], spans[:, 1]), 1)
+    np.add.at(edges, (spans[:, 0], spans[:, 2]), -1)
+    return np.asarray(np.cumsum(edges, axis=1)[:, :-1] > 0)
 
 
 def _sharpest_run(best: Sequence[float | None]) -> tuple[float, int, int]:
@@ -375,7 +381,9 @@ def _may_be_of(
     """
     row, last, first = passage
     depth = frame.depth.astype(np.int64)
-    own = float(np.median(depth[spans[:, 0], (spans[:, 1] + spans[:, 2]) // 2]))
+    height, width = depth.shape
+    # Pixels in the middle may be missing; the first and the last one of each span are measured.
+    own = float(np.median(depth[_inside(spans, (height, width)) & (depth > 0)]))
     per_mm = abs(frame.calibration.depth.fx) / own
     left, right = spans[:, 1].min(), spans[:, 2].max()
     # distances in pixels from the object's columns and rows; at most 0 within them
