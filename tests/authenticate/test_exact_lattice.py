@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -731,11 +732,45 @@ def test_a_lattice_that_does_not_fit_is_told() -> None:
     many = strewn_over(whole, 700)
     found = inspect(many, lattice=lattice, power=False)
     assert found.verdict == "undecidable"
-    assert found.reason.endswith(f"of {many.num_points} points are not on the given lattice")
-    number = int(found.reason.split("; ")[-1].split()[0])
-    assert 650 <= number <= 700
+    told = re.search(r"; not judged by the given lattice: (\d+) of (\d+) points are not on it$",
+                     found.reason)  # fmt: skip
+    assert told is not None
+    assert 650 <= int(told[1]) <= 700
+    assert int(told[2]) == many.num_points
     none = inspect(whole.select(np.zeros(whole.num_points, bool)), lattice=lattice, power=False)
     assert "lattice" not in none.reason
+
+
+def test_ranges_beside_the_steps_of_a_lattice_are_counted() -> None:
+    """Scans of the same lasers that measure in other range steps are on its lines."""
+    lattice = estimate_lattice(exact_scan(hesai()))
+    for step in (3e-3, 5e-3):
+        scan = exact_scan(replace(hesai(), step=step), 9)
+        reason = inspect(scan, lattice=lattice, power=False).reason
+        told = re.search(r"given lattice: (\d+) of \d+ points are not on it$", reason)
+        assert told is not None
+        # Half of the ranges differ by more than a quarter of a step.
+        assert int(told[1]) == pytest.approx(scan.num_points / 2, rel=0.02)
+
+
+def test_the_reason_why_a_given_lattice_is_not_used_is_true() -> None:
+    whole = exact_scan(hesai())
+    lattice = estimate_lattice(whole)
+    few = estimate_lattice([exact_scan(hesai(6), seed) for seed in range(2)])
+    ahead = np.abs(np.arctan2(whole.points[:, 1], whole.points[:, 0])) < 0.2
+    for scan, given, sensor, why in (
+        (
+            exact_scan(hesai(6), 9),
+            few,
+            "auto",
+            "lattice: it has 6 lines, and at least 8 are needed",
+        ),
+        (whole.select(ahead), lattice, "auto", "too inexact to tell that they are on it"),
+        (whole, lattice, "other", "stated or recognised than that of the given lattice"),
+    ):
+        found = inspect(scan, lattice=given, sensor=sensor, power=False)
+        assert found.verdict == "undecidable"
+        assert found.reason.endswith(why)
 
 
 def test_a_lattice_comes_from_rows_with_intensities() -> None:
@@ -818,18 +853,22 @@ def test_without_range_steps_a_lattice_needs_a_measured_power() -> None:
     assert found.verdict == "undecidable"
     assert found.reason.endswith("has no range steps, and its power was not measured")
     shifted = scans[2].replace(points=scans[2].points + np.float32([0.0, 0.0, 0.5]))
-    assert "points are not on the given lattice" in inspect(shifted, lattice=lattice).reason
+    assert "points are not on it" in inspect(shifted, lattice=lattice).reason
 
 
 def test_a_lattice_that_judges_no_scan_has_no_power() -> None:
     """The power of scans that `inspect` never judges by it would be of no use."""
     scans = [exact_scan(hesai(6), seed) for seed in range(4)]
-    with pytest.raises(InputError, match="2 of 2 are not: it has 6 lines, and at least 8 are need"):
+    with pytest.raises(InputError, match=r"2 of 2 are not: it has 6 lines, and .* 8 are needed$"):
         calibrate_lattice(scans, planted=1)
     scans = [exact_scan(hesai(), seed) for seed in range(3)]
     two_scanners = np.concatenate([exact_scan(hesai(), 3).points, exact_scan(ouster(), 3).points])
     with pytest.raises(InputError, match=r"1 of 2 are not: .* points are not on it"):
         calibrate_lattice([*scans, without_labels(two_scanners)], planted=1)
+    coarser = replace(hesai(), step=5e-3)
+    mixed = [exact_scan(coarser if seed % 2 else hesai(), seed) for seed in range(4)]
+    with pytest.raises(InputError, match=r"2 of 2 are not: [1-9]\d* of \d+ points are not on it$"):
+        calibrate_lattice(mixed, planted=1)
 
 
 @pytest.mark.parametrize("tolerance", [0.0, -1.0, 0.01, float("nan"), "wide", None])

@@ -51,7 +51,6 @@ from manip3d.authenticate._reports import (
 from manip3d.authenticate._sensors import (
     MIN_POINTS,
     Sensor,
-    number_off_lattice,
     why_off_lattice,
 )
 from manip3d.authenticate._standpoint import ON_LATTICE, at_origin, identify, lifted, scanner_of
@@ -380,12 +379,11 @@ def _inspected(
 
 def _why_not_given(scan: LidarFrame, lattice: SensorLattice, threads: int) -> str:
     """Why a scan was not judged by the lattice that was given."""
-    if not (lattice.range_step or lattice.power) and not why_off_lattice(
-        scan, lattice, threads=threads
-    ):
+    if (why := why_off_lattice(scan, lattice, threads=threads)) is not None:
+        return f"not judged by the given lattice: {why}"
+    if not (lattice.range_step or lattice.power):
         return "the given lattice has no range steps, and its power was not measured"
-    off = number_off_lattice(lattice.read(scan.points, threads=threads), lattice.tolerance)
-    return f"{off} of {scan.num_points} points are not on the given lattice"
+    return "another scanner was stated or recognised than that of the given lattice"
 
 
 def _stated_unit(scan: LidarFrame) -> str:

@@ -399,14 +399,20 @@ def why_off_lattice(frame: LidarFrame, lattice: SensorLattice, *, threads: int =
     fewest = MIN_EXACT_RINGS if lattice.is_exact else MIN_RINGS
     if len(lattice.slope) < fewest:
         return f"it has {len(lattice.slope)} lines, and at least {fewest} are needed"
-    off = number_off_lattice(reading, lattice.tolerance)
-    return f"{off} of {frame.num_points} points are not on it"
+    if off := np.count_nonzero((reading.ring < 0) | _is_off(reading, lattice)):
+        return f"{off} of {frame.num_points} points are not on it"
+    return (
+        "its points are too few, in too few directions or too inexact to tell that they are on it"
+    )
 
 
-def number_off_lattice(reading: LatticeReading, tolerance: float) -> int:
-    """Return how many points are not where the scanner of a lattice can measure."""
+def _is_off(reading: LatticeReading, lattice: SensorLattice) -> NDArray[np.bool_]:
+    """Whether points are beside the lines and steps; of an exact lattice, also the range steps."""
     error = np.maximum(np.abs(reading.line_error), np.abs(reading.step_error))
-    return int(np.count_nonzero((reading.ring < 0) | ~(error <= tolerance)))
+    off = ~(error <= lattice.tolerance)
+    if lattice.is_exact and lattice.range_step:
+        off |= ~(np.abs(reading.range_error) <= lattice.range_step / 4.0)
+    return np.asarray(off)
 
 
 def _on_given_lattice(
@@ -503,9 +509,7 @@ def _on_exact_lattice(
     told = (np.hypot(points[:, 0], points[:, 1]) > LINES_APART) & (reading.ring >= 0)
     if np.count_nonzero(told) < MIN_POINTS:
         return None
-    off = np.maximum(np.abs(reading.line_error), np.abs(reading.step_error)) > lattice.tolerance
-    if lattice.range_step:
-        off |= np.abs(reading.range_error) > lattice.range_step / 4.0
+    off = _is_off(reading, lattice)
     sector = (reading.azimuth[told] * (SECTORS / (2.0 * np.pi))).astype(np.intp)
     sector = sector.clip(0, SECTORS - 1)
     there = np.bincount(sector, minlength=SECTORS)
