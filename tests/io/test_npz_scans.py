@@ -125,6 +125,16 @@ def test_an_array_for_each_column(tmp_path: Path) -> None:
         assert read_scan(saved(tmp_path, x=x, y=y, z=z, pose=np.eye(4))).num_points == 30
 
 
+def test_an_array_of_objects_beside_points_is_left_out(tmp_path: Path) -> None:
+    x, y, z = POINTS.T
+    told = np.array([{"sensor": "front"}], dtype=object)
+    for arrays in ({"x": x, "y": y, "z": z, "told": told}, {"lidar": POINTS, "told": told}):
+        path = saved(tmp_path, **arrays)
+        assert kind_of(str(path)) == "scan"
+        with pytest.warns(UserWarning, match="are left out: told"):
+            assert read_scan(path).num_points == 30
+
+
 @pytest.mark.parametrize("key", ["pointcloud", "lidar"])
 def test_the_only_array_of_points_has_any_name(key: str, tmp_path: Path) -> None:
     rows = np.column_stack([POINTS, SHARES[:, 0]])
@@ -138,13 +148,41 @@ def test_the_only_array_of_points_has_any_name(key: str, tmp_path: Path) -> None
 
 
 def test_points_beside_an_image_are_not_chosen(tmp_path: Path) -> None:
-    """They may be its calibration; x, y and z may be images, too."""
+    """They may be its calibration; x, y and z may be images or their axes, too."""
     image = np.ones((30, 40), np.float32)
-    for arrays in ({"depth": image, "corners": POINTS}, {"x": image, "y": image, "z": image}):
+    x, y, z = POINTS.T
+    square = np.ones((30, 30), np.float32)
+    for arrays in (
+        {"depth": image, "corners": POINTS},
+        {"depth": image[None], "corners": POINTS},
+        {"depth": image.ravel(), "corners": POINTS},
+        {"depth": np.ones((30, 4), np.float32), "pose": np.eye(4)},
+        {"img": np.ones((3, 30, 40), np.float32), "tracks": np.ones((100, 5))},
+        {"x": image, "y": image, "z": image},
+        {"x": x, "y": y, "z": z, "depth": np.ones((48, 64), np.float32)},
+        {"x": x, "y": y, "z": z, "depth": square},
+        {"x": x, "y": y, "z": z, "volume": np.ones((30, 30, 30), np.float32)},
+        {"x": x, "y": y, "z": z, "img": np.ones((3, 48, 64), np.uint8)},
+        {"x": x, "y": y, "z": z[:3], "depth": square},
+    ):
         path = saved(tmp_path, **arrays)
-        assert kind_of(str(path)) == "depth"
+        assert kind_of(str(path)) == viewer.kind_of(path) == "depth"
         with pytest.raises(FormatError, match="expected an array named positions"):
             read_scan(path)
+
+
+def test_a_depth_for_each_point_is_a_column(tmp_path: Path) -> None:
+    x, y, z = POINTS.T
+    depth, features = np.arange(30, dtype=np.float32), np.ones((30, 12), np.float32)
+    for arrays in (
+        {"x": x, "y": y, "z": z, "depth": depth, "features": features},
+        {"lidar": POINTS, "depth": depth[:, None]},
+    ):
+        path = saved(tmp_path, **arrays)
+        assert kind_of(str(path)) == viewer.kind_of(path) == "scan"
+        frame = read_scan(path)
+        np.testing.assert_array_equal(frame.points, POINTS)
+        np.testing.assert_array_equal(frame.fields["depth"], depth)
 
 
 def test_points_with_named_columns(tmp_path: Path) -> None:
@@ -175,12 +213,16 @@ def test_arrays_of_other_lengths_are_named(tmp_path: Path) -> None:
     [
         (
             {"a": POINTS, "b": POINTS},
-            "array named positions or points or xyz or pcloud_points, or arrays x, y and z, or a "
-            "single one of points, got a, b",
+            "array named positions or points or xyz or pcloud_points, or arrays x, y and z of one "
+            "length, or a single one of points, beside no image, got a, b",
         ),
         (
             {"x": SHARES[:, 0], "y": SHARES[:, 0], "z": SHARES[:9, 0]},
-            r"x, y, z: expected as many numbers of each, got float64 \(30,\), .* \(9,\)",
+            "arrays x, y and z of one length, .* got x, y, z",
+        ),
+        (
+            {"x": SHARES[:, 0], "y": SHARES[:, 0], "z": np.full(30, "far")},
+            r"x, y, z: expected as many numbers of each, got float64 \(30,\), .* <U3 \(30,\)",
         ),
         ({"positions": POINTS[:, :2]}, "expected \\(N, 3\\) or "),
         ({"positions": np.array([{}], dtype=object)}, "expected an array of numbers"),

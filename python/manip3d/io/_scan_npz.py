@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import io
 import math
 import os
@@ -46,8 +47,8 @@ _TRIPLES = {"colors": ("red", "green", "blue"), "normals": ("nx", "ny", "nz")}
 def is_npz_scan(path: str | os.PathLike[str]) -> bool:
     """Return whether an archive is a scan and no depth image.
 
-    It is a scan if an array has one of the names of coordinates, if three arrays are x, y and z, or
-    if a single array, of whatever name, holds points.
+    It is a scan if an array has one of the names of coordinates, or, beside no image, if three
+    arrays of one length are x, y and z, or if a single array, of whatever name, holds points.
 
     Raises
     ------
@@ -100,8 +101,8 @@ def read_table(path: Path, limit: int) -> Table:
         if key is None:
             others = ", ".join(sorted(members)[:20]) or "none"
             raise FormatError(
-                f"expected an array named {' or '.join(_POINTS)}, or arrays x, y and z, or a "
-                f"single one of points, got {others}"
+                f"expected an array named {' or '.join(_POINTS)}, or arrays x, y and z of one "
+                f"length, or a single one of points, beside no image, got {others}"
             )
         if _scan_npy.has_names(members[key]):  # pyntcloud writes all columns in one array
             return _scan_npy.table_of(members[key], name)
@@ -141,11 +142,22 @@ def _head(archive: zipfile.ZipFile, entry: zipfile.ZipInfo) -> bytes:
 
 
 def _has_columns(members: Mapping[str, bytes]) -> bool:
-    """Return whether there is an array of one number for each point for x, for y and for z."""
+    """Return whether x, y and z are arrays of one number for each point, beside no image.
+
+    Axes of an image or of a volume have these names, too.
+    """
     if not set("xyz") <= members.keys():
         return False
-    shapes = [read_npy_header(members[axis][:MAX_HEADER])[0] for axis in "xyz"]
-    return all(len(shape) == 1 or shape[1:] == (1,) for shape in shapes)
+    axes = [read_npy_header(members[axis][:MAX_HEADER])[0] for axis in "xyz"]
+    if any(len(shape) != 1 and shape[1:] != (1,) for shape in axes):
+        return False
+    points = axes[0][0]
+    if any(shape[0] != points for shape in axes):
+        return False
+    shapes = _shapes(members)
+    # An array of as many rows has several numbers for each point.
+    has_image = any(_is_image(shape) and shape[:-1] != (points,) for shape in shapes.values())
+    return not has_image and not _has_depths(shapes, points)
 
 
 def _only_points(members: Mapping[str, bytes]) -> str | None:
@@ -154,15 +166,37 @@ def _only_points(members: Mapping[str, bytes]) -> str | None:
     It is None if there is none, or if it is ambiguous: the range images of two returns, for
     example, are two such arrays, and the points beside a depth image may be its calibration.
     """
-    found = []
+    shapes = _shapes(members)
+    found = [
+        name
+        for name in shapes
+        if not _scan_npy.has_names(members[name]) and _scan_npy.is_scan(members[name])
+    ]
+    if len(found) != 1:
+        return None
+    points = shapes.pop(found[0])[0]
+    if found == ["depth"] or _has_depths(shapes, points) or any(map(_is_image, shapes.values())):
+        return None
+    return found[0]
+
+
+def _shapes(members: Mapping[str, bytes]) -> dict[str, tuple[int, ...]]:
+    """Return the shapes of the arrays of numbers; those of Python objects are left out."""
+    shapes = {}
     for name, data in members.items():
-        head = data[:MAX_HEADER]
-        shape, _, dtype, _ = read_npy_header(head)
-        if dtype.names is None and _scan_npy.is_scan(head):
-            found.append(name)
-        elif len(shape) >= 2 and min(shape[:2]) > _MAX_SIDE:
-            return None
-    return found[0] if len(found) == 1 else None
+        with contextlib.suppress(FormatError):
+            shapes[name] = read_npy_header(data)[0]
+    return shapes
+
+
+def _is_image(shape: tuple[int, ...]) -> bool:
+    """Return whether two sides of an array are those of an image, wherever its channels are."""
+    return len(shape) >= 2 and sorted(shape)[-2] > _MAX_SIDE
+
+
+def _has_depths(shapes: Mapping[str, tuple[int, ...]], points: int) -> bool:
+    """Return whether there is an array named depth that has not one number for each point."""
+    return shapes.get("depth", (points,)) not in ((points,), (points, 1))
 
 
 def _table_of_columns(members: Mapping[str, bytes], name: str) -> Table:
@@ -171,7 +205,7 @@ def _table_of_columns(members: Mapping[str, bytes], name: str) -> Table:
     Raises
     ------
     FormatError
-        The coordinates are no numbers, or their arrays differ in length.
+        The coordinates are no numbers.
     """
     axes = {axis: _array(members[axis]) for axis in "xyz"}
     points = len(axes["x"])
