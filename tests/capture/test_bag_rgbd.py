@@ -175,6 +175,14 @@ def test_depth_images_whose_colours_were_lost_have_none(tmp_path: Path) -> None:
     assert (told["with"]["colour"], told["counters"]["without_color"]) == (7, 5)
 
 
+def test_without_a_colour_camera_no_frame_lacks_its_colour(tmp_path: Path) -> None:
+    """As in folders of images, whose counters have no such number then."""
+    depth = [depth_at(1.0 + n / 30, millimetres(n)) for n in range(3)]
+    source = capture.open_rgbd(bag_of(tmp_path, [*cameras(), *depth]))
+    assert [frame.color for frame in source] == [None] * 3
+    assert "without_color" not in source.counters
+
+
 @pytest.mark.parametrize(("rate", "offset"), [(15, 0.030), (30, 0.015), (30, -0.015), (60, 0.005)])
 def test_cameras_that_are_not_synchronised_have_one_colour_image_each(
     rate: int, offset: float, tmp_path: Path

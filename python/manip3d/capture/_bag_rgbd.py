@@ -37,8 +37,8 @@ _NO_COLORS = ("16UC1", "mono16", "32FC1", "8UC1")
 _LEAST_APART_NS, _MOST_APART_NS = 20_000_000, 200_000_000
 """A colour image belongs to a depth image if their stamps differ by at most half of the colour
 camera's period, because the image before or after it is nearer otherwise. Half a period of 30 Hz
-would be less than the 20 ms that the tools of the TUM benchmark allow for unsynchronised cameras.
-Within more than 0.2 s, people move too far."""
+is less than the 20 ms that the tools of the TUM benchmark allow for unsynchronised cameras, which
+are therefore allowed at any rate. Within more than 0.2 s, people move too far."""
 _WAIT_NS = 1_000_000_000
 _MAX_WAITING = 200
 _MAX_WAITING_BYTES = 1 << 28
@@ -64,8 +64,9 @@ class BagImages:
 
     Depth comes from ``topic``, or from the only topic of depth images if ``topic`` is empty. Colour
     comes from a camera whose pose relative to the depth camera is known. A frame has the colour
-    image whose stamp is nearest, within half a period of the colour camera; no two frames have the
-    same one. ``without_color`` counts the frames without colour.
+    image whose stamp is nearest, within half a period of the colour camera or 20 ms, whichever is
+    longer, and at most 0.2 s; no two frames have the same one. If there is such a camera,
+    ``without_color`` counts the frames without colour.
     """
 
     def __init__(
@@ -102,8 +103,8 @@ class BagImages:
 
     @property
     def _own_counters(self) -> dict[str, int]:
-        """Number of frames without colour since the last iteration began."""
-        return {"without_color": self._without_color}
+        """Number of frames without colour since the last iteration began, if others may have it."""
+        return {"without_color": self._without_color} if self._color else {}
 
     def _pairs(self) -> Iterator[tuple[BagPicture, BagPicture | None]]:
         topics = [self._depth] + ([self._color] if self._color else [])
