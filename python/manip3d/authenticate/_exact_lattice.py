@@ -59,6 +59,12 @@ between two lines that reach this share. An object of another scanner's cloud br
 own, which are as wide as the object. In eight clean clouds of eight scanners the share is above a
 seventh between such lines, and below MIN_SEEN for the outermost line of two scanners."""
 
+MIN_ON_STEPS = 0.5
+"""Least share of a laser's points that are on its steps, in each scan of its lattice: an edit moves
+fewer points of a laser. It was not chosen on data. In simulated clouds of three scanners, one of
+them with four sequences of start angles, the share is at least 0.82 for the true step, and 0 in the
+scans that a step twice or ten times the true one does not fit."""
+
 
 def exact_lattice(
     rho: Floats,
@@ -280,7 +286,7 @@ def _stand_on_steps(
     share = on / np.maximum(apart, 1.0)
     enough = apart >= MIN_POINTS
     is_on = (enough & (share >= MIN_EXACT)).any(axis=0)
-    is_off = (enough & (share < 0.5)).any(axis=0)  # an edit moves fewer points of a laser
+    is_off = (enough & (share < MIN_ON_STEPS)).any(axis=0)
     return not (is_on & is_off).any()
 
 

@@ -71,27 +71,29 @@ copies, since they have the ranges of the original."""
 BLIND_TURNED_ANYHOW = (
     "objects turned about the scanner, or mirrored, whose own place is empty; copies that overlap "
     "the original or are less than 5 degrees away, and copies in clouds with little noise or two "
-    "returns a firing: its azimuths have no steps"
+    "returns a firing: the scanner's azimuths have no steps"
 )
-"""The same in exact clouds of a scanner without steps of azimuth."""
+"""A further blind class in exact clouds whose azimuths have no steps, but whose ranges have."""
 
 BLIND_COPIED = (
     "objects turned about the scanner by whole steps of azimuth, mirrored, or copied in this way: "
-    "its ranges have no steps by which copies are recognised"
+    "the scanner's ranges have no steps by which copies are recognised"
 )
-"""The same in exact clouds whose ranges have no steps, but whose azimuths have."""
+"""A further blind class in exact clouds whose ranges have no steps, but whose azimuths have."""
 
-BLIND_ALONG_RAYS = "points moved along their rays: its ranges have no steps"
+BLIND_ALONG_RAYS = "points moved along their rays: the scanner's ranges have no steps"
 """A further blind class in exact clouds whose ranges have no steps."""
 
 BLIND_WHOLE_STEPS = "points moved along their rays by whole range steps"
-"""The same if ranges have steps, since the coordinates are not rounded a second time."""
+"""A further blind class in exact clouds whose ranges have steps: coordinates are not rounded a
+second time, so that moved points stand on the range steps, too."""
 
 BLIND_TERRESTRIAL = "points removed, cropped or moved together: only what was added is looked for"
 """A further blind class in scans that detectors I and II judge."""
 
 BLIND_SPARSE = "objects added with a spacing coarser than the scan's: few points hide nothing"
-"""Another one: a gap must span a region of neighbouring directions."""
+"""A further blind class in scans that detectors I and II judge: a gap must span a region of
+neighbouring directions."""
 
 NOT_FOUND = "not found; a watermark shows it"
 """Text of reports on a blind class, beside a share of 0 %."""
