@@ -39,10 +39,11 @@ POWER: Mapping[str, Power] = ReadOnlyMapping(
         "running background with wide shadows, moving camera": Power(10, 16, source=_KITCHEN),
     }
 )
-"""Share of forged streams of `manip3d.forge.stream`, of both types, that are found; from experiment
-``figure-5.8``. The forgeries have sharp silhouettes; blended ones are not found. The other streams
-before a still background are ``processed``. Before a background of structured light or stereo
-without wide shadows, such as an empty room, streams are ``undecidable``."""
+"""Share of forged streams of `manip3d.forge.stream`, of both types and with one inserted person,
+that are found; from experiment ``figure-5.8``. The forgeries have sharp silhouettes; blended ones
+are not found. The other streams before a still background are ``processed``. Before a background of
+structured light or stereo without wide shadows, such as an empty room, streams are ``undecidable``,
+and so are most with two inserted people before a bare wall that a camera of time of flight sees."""
 
 NO_POWER_HERE = (
     "How many forged streams are found does not apply to this one: whether somebody was cut out of "

@@ -178,11 +178,14 @@ def inspect_stream(frames: Iterable[RgbdFrame], *, progress: Progress = None) ->
     without other steps in depth, as before an empty wall, images are ``undecidable``. For
     time-of-flight cameras, which are recognised by the size of their images, missing wide gaps are
     no evidence; if the other steps in depth are as sharp as the silhouette, their images are
-    ``undecidable``: they may be rendered. A rendering with noise and missing pixels whose other
-    objects are few, or near the accused one, is accused. If silhouettes have neither a step nor a
-    gap on either side, as blended silhouettes and those of time of flight, streams of other cameras
-    are ``undecidable``; a person who was blended into a time-of-flight stream leaves no trace. No
-    verdict says that a stream is authentic.
+    ``undecidable``: they may be rendered. Several people who were inserted before a bare wall look
+    like this: 19 of 20 forged streams of two people of UTD-MHAD, 2 to 3.2 m before a simulated
+    camera, are ``undecidable``, and all are ``tampered`` with only one of the two. A rendering with
+    noise and missing pixels whose other objects are few, or near the accused one, is accused.
+
+    If silhouettes have neither a step nor a gap on either side, as blended silhouettes and those of
+    time of flight, streams of other cameras are ``undecidable``; a person who was blended into a
+    time-of-flight stream leaves no trace. No verdict says that a stream is authentic.
 
     An image that was cropped to the size of another camera is recognised if the field of view of
     its calibration is below 50 degrees. An image that was made smaller by leaving pixels out, with
