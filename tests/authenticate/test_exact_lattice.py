@@ -824,7 +824,7 @@ def test_a_calibrated_lattice_knows_its_power(unit: Unit, tmp_path: Path) -> Non
 
 
 def test_a_calibrated_lattice_needs_no_range_steps() -> None:
-    """What it costs: edits along the rays, and copies that only their ranges show."""
+    """It misses edits along the rays, and copies that only their ranges show."""
     unit = replace(hesai(), step=1e-7)
     *scans, another = [exact_scan(unit, seed) for seed in range(5)]
     lattice = calibrate_lattice(scans, planted=2)

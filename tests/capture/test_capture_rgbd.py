@@ -705,7 +705,7 @@ def random_names(rng: np.random.Generator, kind: int) -> tuple[list[str], list[s
 @pytest.mark.parametrize("kind", range(4))
 @pytest.mark.parametrize("seed", range(8))
 def test_meshes_have_the_colours_of_the_frames(kind: int, seed: int, tmp_path: Path) -> None:
-    """Where both pair all depth images they agree, and frames without a colour are an error."""
+    """Both agree if both pair all depth images, and frames without a colour are an error."""
     depth, color = random_names(np.random.default_rng([seed, kind]), kind)
     files = named_images(tmp_path, depth, color)
     try:
