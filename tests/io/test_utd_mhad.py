@@ -70,6 +70,17 @@ def test_a_trial_has_depth_and_joints(kind: str, tmp_path: Path) -> None:
         np.testing.assert_allclose(person.positions[7], [-0.07, 0.0, 2.0], atol=1e-6)
 
 
+@pytest.mark.parametrize("lead", ["\n", "sep=;\n"])
+def test_the_heading_of_a_table_may_be_its_second_line(lead: str, tmp_path: Path) -> None:
+    folder = write_pictures(tmp_path / "pictures")
+    table = folder / "joints.csv"
+    table.write_text(lead + table.read_text().replace(",", ";").replace(".", ","))
+    with capture.open(f"utd-mhad:{folder}") as source:
+        frames = list(source)
+    assert [len(frame.skeletons) for frame in frames] == [1] * FRAMES
+    np.testing.assert_allclose(frames[0].skeletons[0].positions[7], [-0.07, 0.0, 2.0], atol=1e-6)
+
+
 def test_what_is_wrong_with_a_trial_is_told(tmp_path: Path) -> None:
     savemat = pytest.importorskip("scipy.io").savemat
     path = write_trial(tmp_path / "one")

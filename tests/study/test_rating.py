@@ -166,11 +166,14 @@ def test_a_list_of_stimuli_may_be_saved_by_a_spreadsheet(tmp_path: Path) -> None
     folder = folder_of(tmp_path / "stimuli", [("real", "depth", "image", "full", "", "0")] * 3)
     study, _ = read_study(template(tmp_path, "any"))
     listed = folder / "stimuli.csv"
-    listed.write_text(listed.read_text().replace(",", ";") + ";;;;;;\n")
+    listed.write_text("sep=;\n" + listed.read_text().replace(",", ";") + ";;;;;;\n")
     saved, _ = read_study(template(tmp_path, "any"))
     assert isinstance(study, RatingStudy)
     assert isinstance(saved, RatingStudy)
     assert saved.items == study.items
+    listed.write_text(listed.read_text().replace("truth", "thruth"))
+    with pytest.raises(FormatError, match="line 2: expected file,truth"):
+        read_study(template(tmp_path, "any"))
 
 
 def test_a_missing_list_of_stimuli_says_what_makes_it(tmp_path: Path) -> None:

@@ -13,7 +13,12 @@ from manip3d._util.regular_files import limited_bytes
 from manip3d._util.text_files import MAX_BYTES
 from manip3d.errors import FormatError
 
-_SEPARATORS = ",;\t"
+_SEPARATORS = "\t;,"
+_NAMED_SEPARATOR = re.compile(r"sep=([^\w\s\"]|\t) *(?:\r\n?|\n|\Z)", re.IGNORECASE)
+"""First line of tables for Excel, which names their separator."""
+_HEADING = re.compile(r'\s*((?:"[^"]*"|[^"\r\n]+)*)')
+"""First row that is not blank; names between quotes may have line feeds."""
+_QUOTED = re.compile(r'"[^"]*"')
 _DECIMAL_COMMA = re.compile(r"\s*[+-]?[0-9]*,[0-9]+([eE][+-]?[0-9]+)?\s*")
 
 
@@ -23,7 +28,9 @@ def csv_rows(
     """Yield the number of the line at which a row ends, and its cells; empty rows are left out.
 
     Where the decimal sign is a comma, spreadsheets write semicolons or tabs between the columns.
-    The separator is the one of the first line, and numbers with a decimal comma get a point.
+    The separator is the most frequent one of the heading, the first row that is not blank, outside
+    quotes; or the one that a first line ``sep=;`` names. Numbers with a decimal comma get a point.
+    They are refused between commas, because there ``"1,234"`` may also have groups of digits.
 
     Parameters
     ----------
@@ -37,17 +44,19 @@ def csv_rows(
     Raises
     ------
     FormatError
-        The table is in another encoding, too large or no CSV.
+        The table is in another encoding, too large, no CSV, or has decimal commas between commas.
     """
-    text = _text_of(path, most_bytes, errors)
-    head = text.partition("\n")[0]
-    separator = next((sign for sign in _SEPARATORS if sign in head), ",")
+    separator, text = _separated(_text_of(path, most_bytes, errors))
     reader = csv.reader(io.StringIO(text, newline=""), delimiter=separator, strict=True)
     try:
         for row in reader:
             if not any(cell.strip() for cell in row):
                 continue
-            yield reader.line_num, row if separator == "," else [*map(_with_decimal_point, row)]
+            if separator == ",":
+                _refuse_decimal_commas(row, path, reader.line_num)
+                yield reader.line_num, row
+            else:
+                yield reader.line_num, [*map(_with_decimal_point, row)]
     except csv.Error as error:
         line = max(1, reader.line_num)
         raise FormatError(f"expected CSV: {error}", file=str(path), line=line) from None
@@ -76,6 +85,28 @@ def _text_of(path: Path, most_bytes: int, errors: str) -> str:
         return data.decode("utf-8-sig", errors)
     except UnicodeDecodeError as error:
         raise FormatError(f"expected CSV in UTF-8: {error}", file=str(path)) from None
+
+
+def _separated(text: str) -> tuple[str, str]:
+    """Return the separator of a table, and its text in which a line that names it is blank."""
+    if named := _NAMED_SEPARATOR.match(text):
+        return named[1], "\n" + text[named.end() :]
+    heading = _HEADING.match(text)
+    outside = _QUOTED.sub("", heading[1] if heading else "")
+    # In a name, such as "remark, if any", a space follows the sign.
+    found = max(_SEPARATORS, key=lambda sign: (outside.count(sign), -outside.count(f"{sign} ")))
+    return found if found in outside else ",", text
+
+
+def _refuse_decimal_commas(row: list[str], path: Path, line: int) -> None:
+    for cell in row:
+        if "," in cell and _DECIMAL_COMMA.fullmatch(cell):
+            raise FormatError(
+                f'expected a decimal point, got a decimal comma in "{cell}": save the table with '
+                "semicolons between its columns",
+                file=str(path),
+                line=line,
+            )
 
 
 def _with_decimal_point(cell: str) -> str:

@@ -212,9 +212,8 @@ def _png_trial(
 def _rows_of(table: Path) -> tuple[list[int], NDArray[np.float64]]:
     """Return the lines of a table after its heading, and their frames, joints, x, y and z."""
     lines, rows = list[int](), list[list[float]]()
-    for line, row in csv_rows(table, most_bytes=_MAX_BYTES, errors="replace"):
-        if line == 1:
-            continue
+    table_rows = csv_rows(table, most_bytes=_MAX_BYTES, errors="replace")
+    for line, row in islice(table_rows, 1, None):
         try:
             rows.append([float(row[column]) for column in (0, 1, 3, 4, 5)])
         except (ValueError, IndexError) as error:

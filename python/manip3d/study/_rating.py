@@ -95,9 +95,9 @@ def read_items(folder: Path) -> tuple[Item, ...]:
             f"{path}: expected a list of stimuli, found none; 'manip3d study stimuli' makes it"
         )
     rows = csv_rows(path)
-    _, head = next(rows, (1, []))
+    line, head = next(rows, (1, []))
     if tuple(head) != COLUMNS:
-        raise FormatError(f"line 1: expected {','.join(COLUMNS)}", file=str(path))
+        raise FormatError(f"line {line}: expected {','.join(COLUMNS)}", file=str(path))
     found: list[Item] = []
     files: set[str] = set()
     for number, row in rows:
