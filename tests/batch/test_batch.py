@@ -6,6 +6,7 @@ import csv
 import functools
 import logging
 import os
+import re
 import signal
 import socket
 import subprocess
@@ -20,6 +21,7 @@ import numpy as np
 import pytest
 
 from manip3d import LidarFrame, Material, Mesh, Texture, batch, io, read_mesh
+from manip3d._util import parallel
 from manip3d.errors import Error, FormatError, InputError, MissingExtraError
 from manip3d.io import ReadLimits, read_scan
 from toy_work import clashing, running, talkative, upper
@@ -231,8 +233,37 @@ def test_a_function_that_workers_cannot_import_is_refused_before_any_work(
     for done in (python("-c", cell, texts, out), python("-", texts, out, input=cell)):
         told = done.stderr.splitlines()[-1]
         assert "InputError: function: expected one that workers can import, got <func" in told
-        assert told.endswith('put it in a module (a .py file), or give jobs=1 or dask="local"')
+        assert told.endswith(ADVICE)
     assert not out.exists()
+
+
+ADVICE = (
+    "; define it at the top level of a module (a .py file other than __main__.py), or give jobs=1 "
+    'or dask="local"'
+)
+
+
+def test_a_nested_function_and_one_of_a_package_s_main_are_told_where_to_go(
+    texts: Path, tmp_path: Path
+) -> None:
+    """Both are in a module already, which the advice named."""
+
+    def nested(source: Path, output: Path) -> dict[str, Any]:
+        return {}
+
+    with pytest.raises(InputError, match=re.escape(ADVICE)):
+        batch.run(nested, texts, jobs=2)
+    package = tmp_path / "package"
+    package.mkdir()
+    (package / "__main__.py").write_text(f'{COUNT}if __name__ == "__main__":\n    {CALL}\n')
+    done = python("-m", "package", texts, tmp_path / "out", cwd=tmp_path)
+    assert done.stderr.splitlines()[-1].endswith(ADVICE)
+
+
+ENDED = (
+    "InputError: jobs: all workers ended as they started, see what they printed; if a script calls "
+    'this, it must do so below `if __name__ == "__main__":`, because its worker processes import it'
+)
 
 
 def test_a_script_that_workers_must_not_run_again_says_so(texts: Path, tmp_path: Path) -> None:
@@ -242,10 +273,7 @@ def test_a_script_that_workers_must_not_run_again_says_so(texts: Path, tmp_path:
     guarded.write_text(f'{COUNT}if __name__ == "__main__":\n    {CALL}\n    print(summary.failed)')
     done = python(unguarded, texts, tmp_path / "out")
     *_, told = done.stderr.splitlines()
-    assert "InputError: jobs: all workers ended as they started" in told
-    assert told.endswith(
-        'below `if __name__ == "__main__":`, because its worker processes import it'
-    )
+    assert told.endswith(ENDED)
     assert done.stderr.count("InputError: jobs: a script must call this below `if") in (1, 2)
     assert python(guarded, texts, tmp_path / "out").stdout == "0\n"
 
@@ -314,6 +342,17 @@ def test_dask_outlives_a_worker_that_is_killed(tmp_path: Path) -> None:
     for number in range(12):
         if number != 5:
             assert (tmp_path / "out" / f"{number:02}.txt").read_text() == f"TEXT {number}"
+
+
+def test_dask_needs_no_semaphore(texts: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Some machines have none, and only the pool of processes uses one."""
+    distributed = pytest.importorskip("distributed", reason="the extra 'dask' is not installed")
+    with distributed.LocalCluster(
+        n_workers=1, threads_per_worker=1, dashboard_address="127.0.0.1:0"
+    ) as cluster:
+        monkeypatch.setattr(parallel, "_SPAWN", None)
+        summary = batch.run(upper, texts / "a.txt", dask=cluster.scheduler_address)
+    assert summary.failed == 0
 
 
 def test_dask_workers_print_what_the_log_of_the_caller_does(

@@ -845,6 +845,26 @@ def test_a_diary_that_is_moved_away_is_asked_for_and_not_replaced(tmp_path: Path
         assert len(diary.sessions("P01")) == 1
 
 
+def test_the_place_of_a_diary_is_told_after_a_change_of_directory(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The relative path led to another folder."""
+    monkeypatch.chdir(tmp_path)
+    with Diary("study.diary", create=True) as diary:
+        diary.enrol("P01")
+        (tmp_path / "elsewhere").mkdir()
+        monkeypatch.chdir("elsewhere")
+        path = tmp_path / "study.diary"
+        with contextlib.closing(sqlite3.connect(path)) as other:
+            other.execute("BEGIN")
+            other.execute("SELECT count(*) FROM games").fetchone()
+            with pytest.raises(OSError, match=f"^{path}: another program has the diary open"):
+                diary.delete("P01")
+        path.rename(tmp_path / "moved.diary")
+        with pytest.raises(OSError, match=f"the diary is no longer at {path}; put it back"):
+            diary.enrol("P02")
+
+
 @pytest.mark.parametrize("part", ["tables", "page", "payload"])
 def test_a_damaged_file_is_said_to_be(tmp_path: Path, part: str) -> None:
     path = tmp_path / "d"

@@ -385,6 +385,23 @@ def test_stimuli_replace_a_folder_of_stimuli_only(tmp_path: Path, place: str) ->
     assert sorted(folder.rglob("*")) == before
 
 
+@pytest.mark.parametrize(
+    "table", [b'file,truth\n"a.png,real\n', "file,truth\na.png,real\n".encode("utf-16")]
+)
+def test_stimuli_whose_table_cannot_be_read_are_not_replaced(tmp_path: Path, table: bytes) -> None:
+    """Only the table tells the stimuli from files of one's own; the advice was to replace them."""
+    images, folder = own_images(tmp_path / "mine"), tmp_path / "stimuli"
+    made = copy_rating_stimuli(images, folder)
+    (folder / "stimuli.csv").write_bytes(table)
+    before = sorted(folder.rglob("*"))
+    with pytest.raises(FormatError, match=f"mend it, or delete {folder} if nothing in it is to be"):
+        copy_rating_stimuli(images, folder, overwrite=True)
+    assert sorted(folder.rglob("*")) == before
+    for item in made:
+        (folder / item.file).unlink()
+    assert len(copy_rating_stimuli(images, folder, overwrite=True)) == len(made)
+
+
 def test_stimuli_of_ones_own_get_names_that_tell_nothing(tmp_path: Path) -> None:
     images = own_images(tmp_path / "mine")
     made = copy_rating_stimuli(images, tmp_path / "stimuli", seed=3)

@@ -41,10 +41,7 @@ the scheduler needs little memory."""
 
 _SPAWN = multiprocessing.get_context("spawn")
 
-_UNGUARDED = (
-    'a script must call this below `if __name__ == "__main__":`, because its worker processes '
-    "import it"
-)
+_GUARD = 'below `if __name__ == "__main__":`, because its worker processes import it'
 
 _log = logging.getLogger("manip3d")
 
@@ -65,7 +62,7 @@ def check_function(function: Callable[..., Any], jobs: int, dask: str) -> None:
     of functions that have no module.
     """
     if getattr(multiprocessing.current_process(), "_inheriting", False):  # it imports the script
-        raise InputError(f"jobs: {_UNGUARDED}")
+        raise InputError(f"jobs: a script must call this {_GUARD}")
     if dask or jobs == 1:
         return
     try:
@@ -74,8 +71,9 @@ def check_function(function: Callable[..., Any], jobs: int, dask: str) -> None:
             raise pickle.PicklingError("the module __main__ is no file")
     except Exception as error:  # pickle raises various types
         raise InputError(
-            f"function: expected one that workers can import, got {function!r}; put it in a module "
-            '(a .py file), or give jobs=1 or dask="local"'
+            f"function: expected one that workers can import, got {function!r}; define it at the "
+            "top level of a module (a .py file other than __main__.py), or give jobs=1 or "
+            'dask="local"'
         ) from error
 
 
@@ -109,30 +107,44 @@ def run_tasks(
     -----
     Close the generator if you leave the loop early, so that the workers stop.
     """
-    if jobs == 1 and not dask:
-        yield from ((key, _attempt(*task)) for key, task in tasks.items())
-        return
     workers = min(jobs, max(1, len(tasks)))
-    attempt: Callable[..., Outcome] = _attempt
-    window = 2 * workers
     if dask:
-        attempt = functools.partial(_attempt_on_dask, _log.getEffectiveLevel())
-        window = _DASK_WINDOW
+        yield from _run_on_dask(tasks, workers, dask)
+    elif jobs == 1:
+        yield from ((key, _attempt(*task)) for key, task in tasks.items())
+    else:
+        yield from _run_in_processes(tasks, workers)
+
+
+def _run_on_dask(
+    tasks: Mapping[_Key, Task], workers: int, address: str
+) -> Generator[tuple[_Key, Outcome]]:
+    attempt = functools.partial(_attempt_on_dask, _log.getEffectiveLevel())
+    with _dask_client(workers, address) as client:
+        # pure=False: Dask does not reuse the result of an equal task, so that it can run again.
+        executor = client.get_executor(pure=False)
+        yield from _outcomes(
+            lambda *task: executor.submit(attempt, *task), iter(tasks.items()), {}, _DASK_WINDOW
+        )
+
+
+def _run_in_processes(tasks: Mapping[_Key, Task], workers: int) -> Generator[tuple[_Key, Outcome]]:
     waiting = iter(tasks.items())
     has_started = _SPAWN.Event()
     is_done = False
     while not is_done:
         running: dict[_Key, Task] = {}
         try:
-            with _executor(workers, dask, has_started) as executor:
+            with _executor(workers, has_started) as executor:
                 yield from _outcomes(
-                    lambda *task: executor.submit(attempt, *task), waiting, running, window
+                    lambda *task: executor.submit(_attempt, *task), waiting, running, 2 * workers
                 )
             is_done = True
         except BrokenProcessPool as error:
             if not has_started.is_set():
                 raise InputError(
-                    f"jobs: all workers ended as they started, see what they printed; {_UNGUARDED}"
+                    "jobs: all workers ended as they started, see what they printed; if a script "
+                    f"calls this, it must do so {_GUARD}"
                 ) from error
             # A task crashed its worker: run each alone to find which one.
             for key, task in running.items():
@@ -212,7 +224,7 @@ def _failure(error: BaseException) -> Outcome:
 
 def _isolated(task: Task, has_started: Event) -> Outcome:
     try:
-        with _executor(1, "", has_started) as executor:
+        with _executor(1, has_started) as executor:
             future: Future[Outcome] = executor.submit(_attempt, *task)
             return future.result()
     except BrokenProcessPool:
@@ -221,13 +233,8 @@ def _isolated(task: Task, has_started: Event) -> Outcome:
 
 
 @contextmanager
-def _executor(workers: int, dask: str, has_started: Event) -> Iterator[Executor]:
+def _executor(workers: int, has_started: Event) -> Iterator[Executor]:
     """Start workers; the first of them that is ready for tasks sets ``has_started``."""
-    if dask:
-        with _dask_client(workers, dask) as client:
-            # pure=False: Dask does not reuse the result of an equal task, so that it can run again.
-            yield client.get_executor(pure=False)
-        return
     others = set(multiprocessing.active_children())
     executor = ProcessPoolExecutor(
         workers,

@@ -43,8 +43,8 @@ class DiaryFile:
         self.path = path
         self.key = key
         self._is_closed = False
-        self._told_as = path if told_as is None else told_as
         self._place = Path(os.path.abspath(path))  # holds after a change of the working directory
+        self._told_as = self._place if told_as is None else told_as
         if create and told_as is None and not os.path.lexists(path):
             _make(path, key)
         self._check_file(create)
@@ -96,7 +96,9 @@ class DiaryFile:
             except sqlite3.DatabaseError as error:
                 raise self._told(error) from error
             if mode != "delete":
-                raise OSError(f"{self.path}: another program has the diary open; nothing deleted")
+                raise OSError(
+                    f"{self._told_as}: another program has the diary open; nothing deleted"
+                )
             with connection.begin():
                 yield self._rows(connection)
             try:
@@ -104,7 +106,7 @@ class DiaryFile:
                 raw.execute("PRAGMA journal_mode = WAL")
             except sqlite3.DatabaseError as error:
                 raise OSError(
-                    f"{self.path}: deleted, but the file could not be written anew: {error}"
+                    f"{self._told_as}: deleted, but the file could not be written anew: {error}"
                 ) from error
 
     def _rows(self, connection: sql.Connection) -> Rows:
@@ -240,8 +242,8 @@ class DiaryFile:
         # Python's own error about text that is not UTF-8 has no code of SQLite: it is damage.
         is_of_sqlite = hasattr(error, "sqlite_errorcode")
         if is_of_sqlite and isinstance(error, sqlite3.OperationalError):
-            return OSError(f"{self._told_as}: {words_of(error, self.path)}")
-        return FormatError(f"the diary is damaged: {error}", file=str(self.path))
+            return OSError(f"{self._told_as}: {words_of(error, self._place)}")
+        return FormatError(f"the diary is damaged: {error}", file=str(self._told_as))
 
 
 def connect(path: Path, mode: str = "rw", **options: Any) -> sqlite3.Connection:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 from manip3d._util.csv_tables import csv_records
+from manip3d.errors import FormatError
 from manip3d.io._files import refuse_other_files
 
 
@@ -23,11 +25,27 @@ def refuse_other_stimuli(folder: Path, table: str) -> None:
     InputError
         There are other files; the message names some of them.
     FormatError
-        The table is no CSV in UTF-8.
+        The table cannot be read, and the folder contains other files, which it may list.
     """
-    known = {table}
     path = folder / table
-    if path.is_file():
-        for row in csv_records(path, errors="replace"):
-            known |= {str(row.get("file")), f"{row.get('model')}.glb"}
+    known = {table}
+    try:
+        if path.is_file():
+            known |= _listed(path)
+    except FormatError as error:
+        if os.listdir(folder) != [table]:
+            raise FormatError(
+                f"{error.reason}; it lists the files that may be replaced: mend it, or delete "
+                f"{folder} if nothing in it is to be kept",
+                file=error.file,
+                line=error.line,
+            ) from None
     refuse_other_files(folder, known.__contains__)
+
+
+def _listed(path: Path) -> set[str]:
+    """Return the names of the files in a table of stimuli."""
+    found = set[str]()
+    for row in csv_records(path, errors="replace"):
+        found |= {str(row.get("file")), f"{row.get('model')}.glb"}
+    return found
