@@ -5,6 +5,7 @@ from __future__ import annotations
 import doctest
 import importlib
 import pkgutil
+import re
 from pathlib import Path
 
 import pytest
@@ -19,9 +20,15 @@ MODULES = sorted(
 
 
 def is_long(value: object) -> bool:
-    """Whether a result, which a notebook shows by its ``repr``, fills the screen."""
+    """Whether a result, which a notebook shows by its ``repr``, fills the screen or is an array."""
     is_ours = type(value).__module__.startswith("manip3d.")
     return is_ours and (len(repr(value)) > 500 or "array(" in repr(value))
+
+
+def shows_types(value: object) -> bool:
+    """Whether the ``repr`` of a result has types of NumPy's scalars: ``np.float64(0.5)``."""
+    is_ours = type(value).__module__.startswith("manip3d.")
+    return is_ours and re.search(r"\bnp\.\w+", repr(value)) is not None
 
 
 @pytest.mark.parametrize("name", MODULES)
@@ -35,4 +42,5 @@ def test_examples(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
         monkeypatch.chdir(folder)
         runner.run(example, clear_globs=False)
         assert [value for value in example.globs.values() if is_long(value)] == []
+        assert [value for value in example.globs.values() if shows_types(value)] == []
     assert runner.summarize().failed == 0

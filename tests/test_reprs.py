@@ -16,8 +16,19 @@ import numpy as np
 import pytest
 
 import manip3d
-from manip3d import Intrinsics, LidarFrame, authenticate, metrics, modify, simplify, simulate
+from manip3d import (
+    Intrinsics,
+    LidarFrame,
+    Mesh,
+    authenticate,
+    metrics,
+    modify,
+    simplify,
+    simulate,
+    study,
+)
 from manip3d._util.reprs import short_repr
+from manip3d._util.texts import counted
 
 WITHOUT_REPR = {
     "manip3d.modify.ColliderTracker",
@@ -44,17 +55,40 @@ class Holder:
     __repr__ = short_repr
 
 
+ESTIMATE = study.Estimate(np.float64(2 / 3), 1 / 3, 1.0)
+SHORT = "Estimate(threshold=0.666667, low=0.333333, high=1)"
+
+
 @pytest.mark.parametrize(
     ("small", "large", "shown"),
     [
         (np.eye(2), np.zeros((9, 3)), "small=[[1., 0.], [0., 1.]], large=<(9, 3) float64>"),
         (1 / 3, (1, 2, 3), "small=0.333333, large=(1, 2, ...)"),
         (None, [np.zeros(99)] * 3, "small=None, large=[<(99,) float64>, <(99,) float64>, ...]"),
+        (np.float64(1 / 3), np.float32(1 / 3), "small=0.333333, large=0.333333"),
+        (np.int64(3), [np.bool(True), 0.1 + 0.2], "small=3, large=[True, 0.3]"),
+        (ESTIMATE, {"a": ESTIMATE}, f"small={SHORT}, large={{'a': {SHORT}}}"),
         (Holder(1, 2), {"a": 1}, "small=Holder(small=1, large=2), large={'a': 1}"),
     ],
 )
 def test_short_repr_leaves_out_what_is_long(small: object, large: object, shown: str) -> None:
     assert repr(Holder(small, large)) == f"Holder({shown})"
+
+
+def test_an_estimate_of_a_diary_prints_six_digits() -> None:
+    pytest.importorskip("sqlalchemy", reason="the extra 'diary' is not installed")
+    from manip3d.diary import Estimate
+
+    found = repr(Estimate(np.float64(1 / 3), 0.0, 1.0, 0.1 + 0.2, 12.0))
+    assert found == "Estimate(value=0.333333, low=0, high=1, p=0.3, df=12)"
+
+
+def test_a_number_has_its_noun_in_singular_or_plural() -> None:
+    told = counted(0, "face"), counted(1, "face"), counted(12345, "box", "boxes", separator=",")
+    assert told == ("0 faces", "1 face", "12,345 boxes")
+    assert repr(Mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])) == (
+        "<manip3d.Mesh: 3 vertices, 1 face>"
+    )
 
 
 def test_short_repr_of_nested_results_is_cut() -> None:
@@ -113,7 +147,7 @@ SHOWN: dict[str, Callable[[], object]] = {
     "authenticate.OcclusionResult: undecidable; .*": lambda: authenticate.occlusion_consistency(
         NOTHING
     ),
-    "authenticate.AlertMonitor: 1 frames, 1 skipped, risk none": monitor,
+    "authenticate.AlertMonitor: 1 frame, 1 skipped, risk none": monitor,
     "authenticate.Alert: skipped; too late; frame 0, risk none": lambda: (
         authenticate.AlertMonitor().skip("too late")
     ),

@@ -19,6 +19,7 @@ from manip3d._util.linear import product
 from manip3d._util.mappings import ReadOnlyMapping
 from manip3d._util.reprs import short_repr
 from manip3d._util.showing import Showable
+from manip3d._util.texts import counted
 from manip3d.errors import InputError
 
 if TYPE_CHECKING:
@@ -383,7 +384,7 @@ class LidarFrame(Showable):
         return self.replace(fields=fields, **named)
 
     def __repr__(self) -> str:
-        parts = [f"{self.num_points} points"]
+        parts = [counted(self.num_points, "point")]
         if self.ring is not None and self.num_points:
             parts.append(f"rings {self.ring.min()}-{self.ring.max()}")
         if self.time_ns is not None:

@@ -15,6 +15,7 @@ from manip3d import _core
 from manip3d._util.arrays import index_rows, rows
 from manip3d._util.checked import checked
 from manip3d._util.showing import Showable
+from manip3d._util.texts import counted
 from manip3d.errors import InputError
 
 if TYPE_CHECKING:
@@ -378,11 +379,14 @@ class Mesh(Showable):
         return Mesh(**{name: changes.get(name, getattr(self, name)) for name in self.__slots__})
 
     def __repr__(self) -> str:
-        parts = [f"{self.num_vertices} vertices", f"{self.num_faces} faces"]
+        parts = [
+            counted(self.num_vertices, "vertex", "vertices"),
+            counted(self.num_faces, "face"),
+        ]
         if self.texcoords is not None:
-            parts.append(f"{len(self.texcoords)} texture coordinates")
+            parts.append(counted(len(self.texcoords), "texture coordinate"))
         if self.materials:
-            parts.append(f"{len(self.materials)} materials")
+            parts.append(counted(len(self.materials), "material"))
         return f"<manip3d.Mesh: {', '.join(parts)}>"
 
 

@@ -13,6 +13,7 @@ from manip3d import _core
 from manip3d._util.arrays import as_array, masked_elements, rows
 from manip3d._util.reprs import short_repr
 from manip3d._util.showing import Showable
+from manip3d._util.texts import counted
 from manip3d.camera import Intrinsics, Registration
 from manip3d.errors import InputError
 
@@ -233,7 +234,7 @@ class RgbdFrame(Showable):
         if self.body_index is not None:
             parts.append("people's pixels")
         if self.skeletons:
-            parts.append(f"{len(self.skeletons)} skeleton{'s' if len(self.skeletons) > 1 else ''}")
+            parts.append(counted(len(self.skeletons), "skeleton"))
         parts.append(f"number {self.number}, t = {self.time_ns / 1e9:.3f} s")
         return f"<manip3d.RgbdFrame: {'; '.join(parts)}>"
 

@@ -1,4 +1,4 @@
-"""Text that users have typed or that files hold: control characters and numbers."""
+"""Text that users have typed or that files hold, and numbers with their nouns."""
 
 from __future__ import annotations
 
@@ -20,6 +20,24 @@ def has_control_characters(text: str) -> bool:
 def legible(text: str) -> str:
     """Return a text, which may have several lines, with control characters escaped."""
     return "\n".join(map(printable, text.split("\n")))
+
+
+def counted(number: int, noun: str, plural: str = "", *, separator: str = "") -> str:
+    """Return a number with its noun in singular or plural: ``1 face``, ``80354 faces``.
+
+    Parameters
+    ----------
+    number : int
+        The count.
+    noun : str
+        The noun in the singular.
+    plural : str
+        The noun in the plural; empty: the singular with an ``s``.
+    separator : str
+        Sign between groups of three digits.
+    """
+    text = f"{number:,}".replace(",", separator)
+    return f"{text} {noun if number == 1 else plural or noun + 's'}"
 
 
 def float_or_nan(text: str) -> float:

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 from manip3d._util.checked import checked
 from manip3d._util.extras import imported
 from manip3d._util.mappings import ReadOnlyMapping
+from manip3d._util.texts import counted
 from manip3d.authenticate._alert_observations import accused_boxes, attack_observations
 from manip3d.authenticate._alert_verdict import WITNESSES, Alert, AlertCounts, WitnessReport, joined
 from manip3d.authenticate._cross_modal import (
@@ -151,7 +152,7 @@ class AlertMonitor:
 
     def __repr__(self) -> str:
         verdicts = [f"{count} {verdict}" for verdict, count in self._verdicts.copy().items()]
-        parts = [f"{self._number} frames", *verdicts, f"risk {self._latest.level}"]
+        parts = [counted(self._number, "frame"), *verdicts, f"risk {self._latest.level}"]
         return f"<manip3d.authenticate.AlertMonitor: {', '.join(parts)}>"
 
     @checked

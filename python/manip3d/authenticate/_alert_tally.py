@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 from manip3d._util.checked import checked
 from manip3d._util.shares import binomial_tail
+from manip3d._util.texts import counted
 from manip3d.authenticate._alert_verdict import Alert, WitnessReport, joined
 from manip3d.authenticate._cross_modal import CLEAN_ACCUSED
 from manip3d.authenticate._watermark_files import StreamTally
@@ -85,7 +86,7 @@ class AlertTally:
         self._stream = StreamTally()
 
     def __repr__(self) -> str:
-        return f"<manip3d.authenticate.AlertTally: {self.num_frames} frames>"
+        return f"<manip3d.authenticate.AlertTally: {counted(self.num_frames, 'frame')}>"
 
     @property
     def num_frames(self) -> int:
@@ -167,8 +168,7 @@ class _Gravest:
                 reason, frames = self._loud[name]
                 return name, f"{reason} ({frames} of {self.count} frames)"
         verdict = "authentic" if self._every_authentic else "no_trace"
-        noun = "frame" if self.count == 1 else "frames"
-        return verdict, f"{self._first} ({self.count} {noun})"
+        return verdict, f"{self._first} ({counted(self.count, 'frame')})"
 
 
 MIN_CHANCE = 0.01

@@ -12,6 +12,7 @@ import numpy as np
 from manip3d import _core
 from manip3d._util.checked import checked
 from manip3d._util.reprs import short_repr
+from manip3d._util.texts import counted
 from manip3d.authenticate._risk import AttackObservation, RiskParameters, gravest_place
 from manip3d.authenticate._stereo import Disparity, StereoRig
 from manip3d.authenticate._verdict import Calibration, Verdict, WithoutRate, verdict_repr
@@ -645,6 +646,6 @@ def _in_words(regions: Sequence[CrossModalRegion]) -> str:
         some = [region for region in regions if region.kind == kind]
         if some:
             near = min(some, key=lambda region: _nearest(region.box))
-            count = "1 region" if len(some) == 1 else f"{len(some)} regions"
+            count = counted(len(some), "region")
             parts.append(f"{count} {words}, the nearest at {_nearest(near.box):.1f} m")
     return "; ".join(parts)

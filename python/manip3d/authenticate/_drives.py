@@ -17,6 +17,7 @@ import numpy as np
 from manip3d._util.checked import checked
 from manip3d._util.options import threads_of
 from manip3d._util.shares import binomial_tail
+from manip3d._util.texts import counted
 from manip3d.authenticate._extent import left_out_of_turn
 from manip3d.authenticate._inspect import inspect_beside, repeating
 from manip3d.authenticate._inspection import Inspection
@@ -574,7 +575,7 @@ def _why_no_chance(
         for number, each in accused.items()
     )
     if binomial_tail(episodes, judged, FALSE_ALARM_RATE) <= DRIVE_RATE * (1.0 + 1e-9):
-        return f"{episodes} {'episode' if episodes == 1 else 'episodes'} are more than chance has"
+        return f"{counted(episodes, 'episode')} are more than chance has"
     return None
 
 

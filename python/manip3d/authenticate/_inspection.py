@@ -12,6 +12,7 @@ from manip3d._util.checked import checked
 from manip3d._util.mappings import ReadOnlyMapping
 from manip3d._util.reprs import short_repr
 from manip3d._util.showing import Showable
+from manip3d._util.texts import counted
 from manip3d.authenticate._density import DensityResult
 from manip3d.authenticate._generic import GenericResult
 from manip3d.authenticate._occlusion import OcclusionResult
@@ -192,7 +193,7 @@ class Inspection(Showable):
 
     def __repr__(self) -> str:
         sensor = "unknown scanner" if self.sensor is None else self.sensor.name
-        scan = f"{self.num_points} points, {sensor}"
+        scan = f"{counted(self.num_points, 'point')}, {sensor}"
         return f"<manip3d.authenticate.Inspection: {self.verdict}; {self.reason}; {scan}>"
 
     @property

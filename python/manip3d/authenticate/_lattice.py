@@ -17,6 +17,7 @@ from manip3d._util.mappings import ReadOnlyMapping
 from manip3d._util.options import threads_of
 from manip3d._util.paths import path_of
 from manip3d._util.reprs import short_repr
+from manip3d._util.texts import counted
 from manip3d.authenticate._rings import MIN_LABELLED, Cloud
 from manip3d.authenticate._verdict import NO_POWER, Power
 from manip3d.errors import FormatError, InputError
@@ -141,7 +142,7 @@ class SensorLattice:
             object.__setattr__(self, name, column)
 
     def __repr__(self) -> str:
-        lasers = f"{len(self.slope)} lasers"
+        lasers = counted(len(self.slope), "laser")
         steps = f"{self.steps or 'unknown'} counts per turn, ranges in {1e3 * self.range_step:g} mm"
         return f"<manip3d.authenticate.SensorLattice: {lasers}, {steps}>"
 

@@ -13,6 +13,7 @@ from manip3d import _core
 from manip3d._util.checked import checked
 from manip3d._util.options import threads_of
 from manip3d._util.reprs import short_repr
+from manip3d._util.texts import counted
 from manip3d.authenticate._angular_cells import angular_cells
 from manip3d.authenticate._echoes import are_echoes
 from manip3d.authenticate._origin import NO_ORIGIN, scanner_position
@@ -461,7 +462,7 @@ def _judged(
         reason = f"{share:.0%} of the directions hold several ranges: no single position"
         return "undecidable", reason
     if num_regions:
-        places = "1 region" if num_regions == 1 else f"{num_regions} regions"
+        places = counted(num_regions, "region")
         return "tampered", f"{places} in which something is seen behind something else"
     return "no_trace", "nothing is seen behind anything"
 

@@ -14,6 +14,7 @@ import numpy as np
 
 from manip3d._util.checked import checked
 from manip3d._util.mappings import ReadOnlyMapping
+from manip3d._util.texts import counted
 from manip3d.errors import InputError
 
 if TYPE_CHECKING:
@@ -312,7 +313,7 @@ class RiskTracker:
         self.reset()
 
     def __repr__(self) -> str:
-        return f"<manip3d.authenticate.RiskTracker: last {len(self._past)} frames>"
+        return f"<manip3d.authenticate.RiskTracker: last {counted(len(self._past), 'frame')}>"
 
     def reset(self) -> None:
         """Forget all frames."""

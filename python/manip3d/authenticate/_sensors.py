@@ -14,6 +14,7 @@ import numpy as np
 
 from manip3d._util.arrays import read_only
 from manip3d._util.checked import checked
+from manip3d._util.texts import counted
 from manip3d.authenticate._lattice import (
     COLUMNS,
     LINE_TOLERANCE,
@@ -457,8 +458,8 @@ def _on_lattice(
     elif rings and is_hdl64e(lattice):
         on_steps = on & (np.abs(reading.step_error) < LINE_TOLERANCE)
         if np.mean(on_steps[apart]) > MIN_OF_FEW_RINGS:
-            lasers = "laser" if rings == 1 else "lasers"
-            reason = f"its points lie where {rings} {lasers} of the lattice measure"
+            lasers = counted(rings, "laser")
+            reason = f"its points lie where {lasers} of the lattice measure"
             return Sensor(name, "lattice", reason, lattice)
     middle = (rho > NEAR_SCANNER[0]) & (rho < NEAR_SCANNER[1])
     if np.count_nonzero(middle) < MIN_POINTS:

@@ -11,6 +11,7 @@ from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from manip3d._util.checked import checked
+from manip3d._util.texts import counted
 from manip3d.authenticate._alert import AlertMonitor
 from manip3d.authenticate._alert_tally import AlertTally
 from manip3d.authenticate._alert_verdict import Alert
@@ -205,7 +206,7 @@ def _until_error(alerts: Iterator[Alert], errors: list[BaseException]) -> Iterat
 def _until(stopped: BaseException, count: int, verdict: str, reason: str) -> tuple[str, str]:
     """The verdict on a drive of which only the frames before an error were judged."""
     why = "it was interrupted" if isinstance(stopped, KeyboardInterrupt) else str(stopped)
-    ended = f"ended after {count} {'frame' if count == 1 else 'frames'}: {why}"
+    ended = f"ended after {counted(count, 'frame')}: {why}"
     return (verdict, f"{reason}; {ended}") if verdict == "tampered" else ("undecidable", ended)
 
 

@@ -23,6 +23,7 @@ from manip3d._util.closing import Closing
 from manip3d._util.mappings import ReadOnlyMapping
 from manip3d._util.paths import path_of
 from manip3d._util.showing import Showable
+from manip3d._util.texts import counted
 from manip3d.authenticate._keys import KeyFile, KeyRing
 from manip3d.authenticate._picture_records import checked_picture
 from manip3d.authenticate._verdict import Calibration, Power, Region, verdict_repr
@@ -169,8 +170,8 @@ class Watermarked(Showable):
     def __repr__(self) -> str:
         return (
             f"<manip3d.authenticate.Watermarked: frame {self.number}, "
-            f"{self.frame.num_points} points, {self.num_tiles} tiles, "
-            f"record of {len(self.record)} bytes>"
+            f"{counted(self.frame.num_points, 'point')}, {counted(self.num_tiles, 'tile')}, "
+            f"record of {counted(len(self.record), 'byte')}>"
         )
 
 

@@ -19,6 +19,7 @@ import time
 from typing import Any
 
 from manip3d._util.json import canonical_json, sealed, unsealed
+from manip3d._util.texts import counted
 from manip3d.batch._places import Place
 from manip3d.errors import InputError
 
@@ -77,7 +78,7 @@ class Rows:
                     self._rows[record["key"]] = record["row"]
 
     def __repr__(self) -> str:
-        return f"<manip3d.batch.Rows: {self._place}, {len(self._rows)} rows>"
+        return f"<manip3d.batch.Rows: {self._place}, {counted(len(self._rows), 'row')}>"
 
     def _holds(self, asked: dict[str, Any]) -> bool:
         """Whether rows are there, all of what is asked for now."""

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from manip3d._util.checked import checked
+from manip3d._util.texts import counted
 from manip3d.authenticate import drive_numbers, find_record, read_record
 from manip3d.authenticate._watermark_files import scans_to_read
 from manip3d.capture._addresses import scan_address
@@ -58,7 +59,8 @@ class LidarDrive:
             raise InputError(f"{source}: expected a file, a folder or one of {known}")
 
     def __repr__(self) -> str:
-        return f"<manip3d.capture.LidarDrive: {self._source}, {len(self.names)} scans read>"
+        scans = counted(len(self.names), "scan")
+        return f"<manip3d.capture.LidarDrive: {self._source}, {scans} read>"
 
     @property
     def numbers(self) -> list[int] | None:

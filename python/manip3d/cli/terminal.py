@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
+from manip3d._util import texts
 from manip3d._util.json import finite
 from manip3d.errors import FormatError, InputError
 
@@ -289,6 +290,9 @@ def check_output(
     refuse_existing(path, force=force)
 
 
+_GROUPS = " "
+"""Sign between groups of three digits: an ordinary space, unlike on HTML pages, because all
+terminals show it and users can type it in a search."""
 _MOST_REASONS = 10  # shown of frames that cannot be read
 _LEFT_OUT = {
     "out_of_order": "no later than the frame before",
@@ -351,14 +355,10 @@ def configure_logging() -> None:
 
 
 def count(number: int) -> str:
-    """Return a number in groups of three digits: ``80 354``.
-
-    The separator is an ordinary space, unlike on HTML pages, because all terminals show it and
-    users can type it in a search.
-    """
-    return f"{number:,}".replace(",", " ")
+    """Return a number in groups of three digits: ``80 354``."""
+    return f"{number:,}".replace(",", _GROUPS)
 
 
 def counted(number: int, noun: str, plural: str = "") -> str:
     """Return a number with its noun in singular or plural: ``1 face``, ``80 354 faces``."""
-    return f"{count(number)} {noun if number == 1 else plural or noun + 's'}"
+    return texts.counted(number, noun, plural, separator=_GROUPS)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from manip3d._util.checked import checked
 from manip3d._util.extras import imported
+from manip3d._util.texts import counted
 from manip3d.datasets._registry import DataFile, DataSet, cache_folder, locate, require
 from manip3d.errors import Error
 from manip3d.io._files import atomic_write
@@ -132,7 +133,7 @@ def steps_by_hand(data_set: DataSet) -> list[str]:
         steps += [
             f"open {data_set.page} and accept the licence: {data_set.licence}",
             f"get the files of {data_set.origin}",
-            f"put {len(homeless)} file{'s' if homeless[1:] else ''} under {root}: {shown}{more}",
+            f"put {counted(len(homeless), 'file')} under {root}: {shown}{more}",
         ]
     return [*steps, f"run 'manip3d data get {data_set.name}' again: it checks every byte"]
 

@@ -14,6 +14,7 @@ from pathlib import Path
 from manip3d._util.checked import checked
 from manip3d._util.mappings import ReadOnlyMapping
 from manip3d._util.paths import path_of
+from manip3d._util.texts import counted
 from manip3d.errors import Error, InputError
 
 ENTRY_POINTS = "manip3d.datasets"
@@ -98,7 +99,7 @@ class DataSet:
     facts: Mapping[str, int] = field(default_factory=dict)
 
     def __repr__(self) -> str:
-        size = f"{len(self.files)} files, {self.size / 1e6:.1f} MB"
+        size = f"{counted(len(self.files), 'file')}, {self.size / 1e6:.1f} MB"
         return f"<manip3d.datasets.DataSet: {self.name}; {self.title}; {size}; {self.licence}>"
 
     @property

@@ -22,6 +22,7 @@ from manip3d._util.linear import product
 from manip3d._util.paths import path_of
 from manip3d._util.reprs import short_repr
 from manip3d._util.text_files import parse_xml, text_of
+from manip3d._util.texts import counted
 from manip3d.errors import FormatError, InputError
 from manip3d.io._files import regular_bytes
 from manip3d.io._frame_times import drive_times
@@ -369,7 +370,7 @@ class KittiDrive:
         )
 
     def __repr__(self) -> str:
-        return f"<manip3d.datasets.KittiDrive: {self.path}, {len(self)} frames>"
+        return f"<manip3d.datasets.KittiDrive: {self.path}, {counted(len(self), 'frame')}>"
 
 
 @checked

@@ -22,6 +22,7 @@ import numpy as np
 
 from manip3d._util.checked import checked
 from manip3d._util.paths import path_of
+from manip3d._util.texts import counted
 from manip3d._util.times import NOMINAL_PERIOD_NS
 from manip3d.camera import CAMERA_PRESETS, Intrinsics
 from manip3d.datasets._registry import DataFile, DataSet, get, require
@@ -124,7 +125,7 @@ class RgbdSequence(Sequence[RgbdFrame]):
         return map(self._load, range(self._num_frames))
 
     def __repr__(self) -> str:
-        return f"<manip3d.datasets.RgbdSequence: {self.uri}, {self._num_frames} frames>"
+        return f"<manip3d.datasets.RgbdSequence: {self.uri}, {counted(self._num_frames, 'frame')}>"
 
 
 def unmirrored(camera: Intrinsics) -> Intrinsics:

@@ -18,6 +18,7 @@ from manip3d._util.checked import checked
 from manip3d._util.paths import path_of
 from manip3d._util.reprs import short_repr
 from manip3d._util.text_files import text_of
+from manip3d._util.texts import counted
 from manip3d._util.times import parse_time
 from manip3d.errors import FormatError
 from manip3d.io import read_depth
@@ -169,7 +170,7 @@ class RangeImageFolder(Sequence[LidarFrame]):
             raise FormatError(reason, file=file, line=index + 1) from None
 
     def __repr__(self) -> str:
-        return f"<manip3d.datasets.RangeImageFolder: {self.path}, {len(self)} turns>"
+        return f"<manip3d.datasets.RangeImageFolder: {self.path}, {counted(len(self), 'turn')}>"
 
 
 @checked

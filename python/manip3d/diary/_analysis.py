@@ -45,6 +45,8 @@ class Estimate:
     p: float
     df: float
 
+    __repr__ = short_repr
+
 
 @dataclass(frozen=True)
 class Share:

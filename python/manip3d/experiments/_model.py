@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Literal
 
+from manip3d._util import texts
 from manip3d._util.checked import checked
 from manip3d._util.json import canonical_json
 from manip3d._util.reprs import short_repr
@@ -313,8 +314,7 @@ def counted(number: int, noun: str, plural: str = "") -> str:
     >>> counted(1, "face"), counted(2, "face"), counted(3, "mesh", "meshes")
     ('1 face', '2 faces', '3 meshes')
     """
-    text = f"{number:,}".replace(",", "\u202f")
-    return f"{text} {noun if number == 1 else plural or noun + 's'}"
+    return texts.counted(number, noun, plural, separator="\u202f")
 
 
 @dataclass(frozen=True)

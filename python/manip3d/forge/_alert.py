@@ -18,6 +18,7 @@ from manip3d._util.arrays import vector
 from manip3d._util.checked import checked
 from manip3d._util.linear import product
 from manip3d._util.options import threads_of
+from manip3d._util.texts import counted
 from manip3d.errors import InputError
 from manip3d.forge._objects import nearest_object
 from manip3d.forge._truth import (
@@ -444,10 +445,9 @@ def _check_free(
     found = _core.points_in_box(scene.points, box, threads_of(threads))
     inside = len(found if leaving is None else np.setdiff1d(found, leaving, assume_unique=True))
     if inside:
-        told = "1 point" if inside == 1 else f"{inside} points"
         raise InputError(
-            f"{argument}: expected a free place, got one with {told} of the scan in it "
-            "(allow_collision puts the object there all the same)"
+            f"{argument}: expected a free place, got one with {counted(inside, 'point')} of the "
+            "scan in it (allow_collision puts the object there all the same)"
         )
 
 

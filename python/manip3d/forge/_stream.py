@@ -18,6 +18,7 @@ from manip3d import _core
 from manip3d._util.arrays import vector
 from manip3d._util.checked import checked
 from manip3d._util.reprs import short_repr
+from manip3d._util.texts import counted
 from manip3d.camera import same_camera
 from manip3d.errors import InputError
 from manip3d.forge._plates import labels_of
@@ -254,7 +255,8 @@ class ForgedStream:
         self._numbers: list[int] = []
 
     def __repr__(self) -> str:
-        return f"<manip3d.forge.ForgedStream: type {self.kind}, {len(self._numbers)} frames forged>"
+        frames = counted(len(self._numbers), "frame")
+        return f"<manip3d.forge.ForgedStream: type {self.kind}, {frames} forged>"
 
     def __iter__(self) -> Iterator[RgbdFrame]:
         return (forged.frame for forged in self.frames())

@@ -16,6 +16,7 @@ from manip3d._util.mappings import ReadOnlyMapping
 from manip3d._util.options import threads_of
 from manip3d._util.reprs import short_repr
 from manip3d._util.showing import Showable
+from manip3d._util.texts import counted
 from manip3d.errors import InputError
 from manip3d.lidar import Box, LidarFrame, Scan
 from manip3d.mesh import Mesh
@@ -116,7 +117,7 @@ class Forgery(Showable):
 
     def __repr__(self) -> str:
         return (
-            f"<manip3d.forge.Forgery: {self.attack}; {len(self.points)} points, "
+            f"<manip3d.forge.Forgery: {self.attack}; {counted(len(self.points), 'point')}, "
             f"{len(self.added)} added, {len(self.moved)} moved, {len(self.removed)} removed>"
         )
 

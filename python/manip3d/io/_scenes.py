@@ -18,6 +18,7 @@ import numpy as np
 from manip3d import _core
 from manip3d._util.arrays import as_array
 from manip3d._util.checked import checked
+from manip3d._util.texts import counted
 from manip3d.errors import FormatError, InputError
 from manip3d.io._draco import decode_draco
 from manip3d.io._files import refuse_pointer
@@ -174,7 +175,7 @@ class Scene:
     _nodes_of_file: tuple[SceneNode, ...] = field(repr=False)
 
     def __repr__(self) -> str:
-        faces = f"{self.num_stored_faces} faces"
+        faces = counted(self.num_stored_faces, "face")
         return f"<manip3d.io.Scene: {len(self.nodes)} nodes, {len(self.meshes)} meshes, {faces}>"
 
     @property

@@ -14,6 +14,7 @@ from manip3d._util.arrays import as_array
 from manip3d._util.checked import checked
 from manip3d._util.linear import product
 from manip3d._util.reprs import short_repr
+from manip3d._util.texts import counted
 from manip3d.camera import Intrinsics, same_camera
 from manip3d.errors import InputError
 from manip3d.modify._level import level_rotation, turned_skeleton
@@ -318,8 +319,9 @@ class PhantomFrame:
     phantom_color: NDArray[np.uint8] | None = field(default=None, repr=False)
 
     def __repr__(self) -> str:
-        sizes = f"{len(self.vertices)} vertices, {len(self.faces)} faces"
-        return f"<manip3d.modify.PhantomFrame: {self.state}; {sizes}>"
+        vertices = counted(len(self.vertices), "vertex", "vertices")
+        faces = counted(len(self.faces), "face")
+        return f"<manip3d.modify.PhantomFrame: {self.state}; {vertices}, {faces}>"
 
     @property
     def phantom(self) -> NDArray[np.bool_]:

@@ -19,6 +19,7 @@ import numpy as np
 
 from manip3d import __version__
 from manip3d._util.checked import checked
+from manip3d._util.texts import counted
 from manip3d.lidar import box_outline
 from manip3d.report._evidence_files import write_page_or_record
 from manip3d.simulate._surfaces import png
@@ -125,7 +126,8 @@ class AlertTimeline:
         self._last = ""
 
     def __repr__(self) -> str:
-        return f"<manip3d.report.AlertTimeline: {self.source}, {len(self._records)} frames>"
+        frames = counted(len(self._records), "frame")
+        return f"<manip3d.report.AlertTimeline: {self.source}, {frames}>"
 
     @checked
     def add(self, alert: Alert) -> None:

@@ -13,6 +13,7 @@ from urllib.parse import quote
 from manip3d import __version__
 from manip3d._util.checked import checked
 from manip3d._util.paths import path_of
+from manip3d._util.texts import counted
 from manip3d.authenticate import RiskParameters
 from manip3d.errors import InputError
 from manip3d.io._files import atomic_write
@@ -69,7 +70,7 @@ def write_alert_overview(
     counts = {name: sum(_verdict_of(drive) == name for drive in drives) for name in _GRAVEST_FIRST}
     told = ", ".join(f"{count} {_word(name)}" for name, count in counts.items() if count)
     names = _names_of([str(drive["source"]) for drive in drives])
-    title = "1 vehicle" if len(drives) == 1 else f"{len(drives)} vehicles"
+    title = counted(len(drives), "vehicle")
     page = (
         "<!doctype html><html lang=en><meta charset=utf-8>"
         '<meta name=viewport content="width=device-width">'

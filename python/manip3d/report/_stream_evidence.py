@@ -12,6 +12,7 @@ import numpy as np
 
 from manip3d import __version__
 from manip3d._util.checked import checked
+from manip3d._util.texts import counted
 from manip3d.authenticate import depth_noise
 from manip3d.authenticate._stream_verdict import NO_POWER_HERE
 from manip3d.errors import InputError
@@ -128,8 +129,7 @@ def _power(inspection: StreamInspection) -> str:
 
 
 def _count(inspection: StreamInspection) -> str:
-    number = len(inspection.numbers)
-    return "1 frame" if number == 1 else f"{number} frames"
+    return counted(len(inspection.numbers), "frame")
 
 
 def _table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:

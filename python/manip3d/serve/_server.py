@@ -29,6 +29,7 @@ import numpy as np
 
 from manip3d._util.checked import checked
 from manip3d._util.extras import imported
+from manip3d._util.texts import counted
 from manip3d.errors import DeviceError, FormatError, InputError
 from manip3d.serve._certificate import Certificate, address_of
 
@@ -414,7 +415,8 @@ class LocalServer:
         self._lock = threading.Lock()
 
     def __repr__(self) -> str:
-        return f"<manip3d.serve.LocalServer: {self.host}:{self.port}, {self.num_clients} streams>"
+        streams = counted(self.num_clients, "stream")
+        return f"<manip3d.serve.LocalServer: {self.host}:{self.port}, {streams}>"
 
     # --- from any thread -------------------------------------------------------------------------
 

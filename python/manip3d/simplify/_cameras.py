@@ -15,6 +15,7 @@ from manip3d import _core
 from manip3d._util.checked import checked
 from manip3d._util.options import threads_of
 from manip3d._util.showing import Showable
+from manip3d._util.texts import counted
 from manip3d.errors import InputError
 from manip3d.io._images import encoded_picture
 from manip3d.mesh import Material, Mesh, Texture
@@ -98,8 +99,9 @@ class JointSimplification(Showable):
     _steps: GapRules = field(repr=False)
 
     def __repr__(self) -> str:
-        sizes = f"{self.num_vertices} vertices, {self.num_faces} faces, {len(self.views)} views"
-        return f"<manip3d.simplify.JointSimplification: {sizes}>"
+        vertices = counted(self.num_vertices, "vertex", "vertices")
+        faces, views = counted(self.num_faces, "face"), counted(len(self.views), "view")
+        return f"<manip3d.simplify.JointSimplification: {vertices}, {faces}, {views}>"
 
     @property
     def num_vertices(self) -> int:

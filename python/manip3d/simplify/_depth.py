@@ -17,6 +17,7 @@ from manip3d._util.checked import checked
 from manip3d._util.options import threads_of
 from manip3d._util.reprs import short_repr
 from manip3d._util.showing import Showable
+from manip3d._util.texts import counted
 from manip3d.camera import Intrinsics, Registration, checked_depth
 from manip3d.errors import InputError
 from manip3d.io._images import encoded_picture
@@ -77,8 +78,9 @@ class DepthMesh(Showable):
     color: NDArray[np.uint8] | None = field(repr=False)
 
     def __repr__(self) -> str:
-        sizes = f"{self.num_vertices} vertices, {self.num_faces} faces"
-        return f"<manip3d.simplify.{type(self).__name__}: {sizes}>"
+        vertices = counted(self.num_vertices, "vertex", "vertices")
+        faces = counted(self.num_faces, "face")
+        return f"<manip3d.simplify.{type(self).__name__}: {vertices}, {faces}>"
 
     @property
     def num_vertices(self) -> int:
@@ -701,7 +703,8 @@ class Cs3Stream:
         self._lock = threading.RLock()
 
     def __repr__(self) -> str:
-        return f"<manip3d.simplify.Cs3Stream: {self._options.target_points} points a frame>"
+        points = counted(self._options.target_points, "point")
+        return f"<manip3d.simplify.Cs3Stream: {points} a frame>"
 
     def _buffers(self, shape: tuple[int, ...]) -> _Buffers:
         capacity = min(self._options.target_points, shape[0] * shape[1])

@@ -10,6 +10,7 @@ import numpy as np
 
 from manip3d._util.checked import checked
 from manip3d._util.options import threads_of
+from manip3d._util.texts import counted
 from manip3d.errors import InputError
 from manip3d.simplify._bandwidth import MIN_POINTS, Bandwidth
 from manip3d.simplify._depth import Variant, expect_radii
@@ -262,7 +263,7 @@ class DepthFileResult:
     unsure_pixels: int = 0
 
     def __repr__(self) -> str:
-        sizes = f"{self.points} points, {self.faces} faces"
+        sizes = f"{counted(self.points, 'point')}, {counted(self.faces, 'face')}"
         return f"<manip3d.simplify.DepthFileResult: {self.output}, {sizes}; {self.stop}>"
 
     @property

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from manip3d._util.texts import counted
 from manip3d.io import describe_unit
 from manip3d.rgbd import NO_MEASUREMENT
 
@@ -82,7 +83,7 @@ def size_warning(found: Sequence[DepthFound]) -> str:
 
 def sentence_of_images(found: Sequence[DepthFound]) -> str:
     """Return one sentence on several images: range, unit, whether it is a guess, and doubts."""
-    images = "1 depth image" if len(found) == 1 else f"{len(found):,} depth images"
+    images = counted(len(found), "depth image", separator=",")
     measured = [each for each in found if each.near is not None and each.far is not None]
     if not measured:
         return f"{images}, no measured pixel"

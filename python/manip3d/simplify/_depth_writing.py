@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from manip3d._util.texts import counted
 from manip3d.errors import FormatError, InputError
 from manip3d.io import write_mesh
 from manip3d.simplify._bandwidth import MIN_POINTS, fit_bytes
@@ -173,7 +174,7 @@ def _with_faces(
     made = make(points)
     if made.mesh.num_faces > 0:
         return made
-    pixels = "1 measured pixel" if measured.pixels == 1 else f"{measured.pixels} measured pixels"
+    pixels = counted(measured.pixels, "measured pixel")
     if measured.pixels == 0:
         found = "found no measured pixel"
         found += " of those that the mask leaves" if measured.is_masked else ""

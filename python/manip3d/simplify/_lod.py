@@ -15,6 +15,7 @@ from manip3d import _core
 from manip3d._util.checked import checked
 from manip3d._util.options import shares, sharing
 from manip3d._util.reprs import short_repr
+from manip3d._util.texts import counted
 from manip3d.errors import InputError
 from manip3d.simplify._collapse import METHODS, SimplifyResult
 from manip3d.simplify._quality import QualityResult, fast, quality
@@ -50,9 +51,8 @@ class LodLevel:
     max_error: float
 
     def __repr__(self) -> str:
-        return (
-            f"<manip3d.simplify.LodLevel: {self.num_faces} faces, max_error {self.max_error:.4g}>"
-        )
+        faces = counted(self.num_faces, "face")
+        return f"<manip3d.simplify.LodLevel: {faces}, max_error {self.max_error:.4g}>"
 
     @property
     def num_faces(self) -> int:

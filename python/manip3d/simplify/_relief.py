@@ -12,6 +12,7 @@ from manip3d import _core
 from manip3d._util.arrays import checked_grid
 from manip3d._util.checked import checked
 from manip3d._util.options import threads_of
+from manip3d._util.texts import counted
 from manip3d._util.times import SECOND_NS
 from manip3d.camera import Intrinsics, Registration, checked_depth
 from manip3d.errors import InputError
@@ -625,7 +626,7 @@ class ReliefStream:
 
     def __repr__(self) -> str:
         pixels = f"{self._intrinsics.width} x {self._intrinsics.height} pixels"
-        return f"<manip3d.simplify.ReliefStream: {self._most_points} points of {pixels}>"
+        return f"<manip3d.simplify.ReliefStream: {counted(self._most_points, 'point')} of {pixels}>"
 
     def simplify(
         self,

@@ -13,6 +13,7 @@ import numpy as np
 from manip3d._util.arrays import as_array
 from manip3d._util.checked import checked
 from manip3d._util.options import shares, sharing
+from manip3d._util.texts import counted
 from manip3d.errors import InputError
 from manip3d.io import Deformation, Scene
 from manip3d.mesh import Material, Mesh, Texture
@@ -90,8 +91,8 @@ class SceneResult:
     result: _Result = field(repr=False)
 
     def __repr__(self) -> str:
-        error = f"max_error {self.max_error:.4g}"
-        return f"<manip3d.simplify.SceneResult: {self.scene.num_faces} faces, {error}; {self.stop}>"
+        faces, error = counted(self.scene.num_faces, "face"), f"max_error {self.max_error:.4g}"
+        return f"<manip3d.simplify.SceneResult: {faces}, {error}; {self.stop}>"
 
 
 @dataclass(frozen=True)
@@ -110,9 +111,8 @@ class SceneLevel:
     max_error: float
 
     def __repr__(self) -> str:
-        return (
-            f"<manip3d.simplify.SceneLevel: {self.num_faces} faces, max_error {self.max_error:.4g}>"
-        )
+        faces = counted(self.num_faces, "face")
+        return f"<manip3d.simplify.SceneLevel: {faces}, max_error {self.max_error:.4g}>"
 
     @property
     def num_faces(self) -> int:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from manip3d._util.linear import product
+from manip3d._util.texts import counted
 from manip3d.lidar import Box
 from manip3d.simulate._raycast import RayCaster
 from manip3d.simulate._surfaces import Patch, Points
@@ -100,8 +101,9 @@ class World:
     boxes: tuple[Box, ...]
 
     def __repr__(self) -> str:
-        sizes = f"{len(self.vertices)} vertices, {len(self.faces)} faces"
-        return f"<manip3d.simulate.scenes.World: {sizes}, {len(self.boxes)} objects>"
+        vertices = counted(len(self.vertices), "vertex", "vertices")
+        faces, objects = counted(len(self.faces), "face"), counted(len(self.boxes), "object")
+        return f"<manip3d.simulate.scenes.World: {vertices}, {faces}, {objects}>"
 
     def caster(self) -> RayCaster:
         """Build the search structure for rays."""

@@ -18,6 +18,7 @@ from manip3d._util.extras import imported
 from manip3d._util.linear import product
 from manip3d._util.options import generator_of, reporting
 from manip3d._util.paths import path_of
+from manip3d._util.texts import counted
 from manip3d._util.times import SECOND_NS
 from manip3d.authenticate import RIGS_FILE, CameraPair, write_rigs
 from manip3d.errors import InputError
@@ -93,9 +94,12 @@ class DriveFrame:
 
     def __repr__(self) -> str:
         pairs = len(self.around) or int(self.pictures is not None)
-        parts = [f"{len(self.scan.points)} points", f"{len(self.boxes)} boxes"]
+        parts = [
+            counted(len(self.scan.points), "point"),
+            counted(len(self.boxes), "box", "boxes"),
+        ]
         if pairs:
-            parts.append(f"{pairs} stereo pair{'s' if pairs > 1 else ''}")
+            parts.append(counted(pairs, "stereo pair"))
         return f"<manip3d.simulate.DriveFrame: {', '.join(parts)}; t = {self.time_s:.3f} s>"
 
 

@@ -22,6 +22,7 @@ from manip3d._util.arrays import read_only
 from manip3d._util.checked import checked
 from manip3d._util.linear import product
 from manip3d._util.reprs import short_repr
+from manip3d._util.texts import counted
 from manip3d.camera import CAMERA_PRESETS, Intrinsics, Registration
 from manip3d.errors import InputError
 from manip3d.mesh import Mesh
@@ -401,7 +402,8 @@ class BodySimulator:
 
     def __repr__(self) -> str:
         without = f", without {self.amputated}" if self.amputated else ""
-        return f"<manip3d.simulate.BodySimulator: {self.motion}{without}, {self.frames} frames>"
+        frames = counted(self.frames, "frame")
+        return f"<manip3d.simulate.BodySimulator: {self.motion}{without}, {frames}>"
 
     def _check_choices(self) -> None:
         for name, value, choices in (

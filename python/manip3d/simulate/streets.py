@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from manip3d._util.checked import checked
 from manip3d._util.options import generator_of
+from manip3d._util.texts import counted
 from manip3d.errors import InputError
 from manip3d.lidar import Box
 from manip3d.simulate import _textures as textures
@@ -70,9 +71,9 @@ class Street:
     sway: float
 
     def __repr__(self) -> str:
-        faces = f"{len(self.world.faces)} faces"
+        faces = counted(len(self.world.faces), "face")
         car = f"car at {self.speed:.1f} m/s for {self.duration:.1f} s"
-        return f"<manip3d.simulate.Street: {faces}, {len(self.movers)} movers; {car}>"
+        return f"<manip3d.simulate.Street: {faces}, {counted(len(self.movers), 'mover')}; {car}>"
 
     @functools.cached_property
     def stage(self) -> Stage:

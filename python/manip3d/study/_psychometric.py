@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from manip3d._util.checked import checked
+from manip3d._util.reprs import short_repr
 from manip3d.errors import InputError
 
 if TYPE_CHECKING:
@@ -124,6 +125,8 @@ class Estimate:
     threshold: float
     low: float
     high: float
+
+    __repr__ = short_repr
 
 
 @checked

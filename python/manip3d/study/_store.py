@@ -20,6 +20,7 @@ from manip3d._util.durable import sync_folder
 from manip3d._util.locks import locked_file
 from manip3d._util.paths import path_of
 from manip3d._util.reprs import short_repr
+from manip3d._util.texts import counted
 from manip3d.errors import FormatError, InputError
 from manip3d.io._files import atomic_write, limited_bytes, regular_bytes
 from manip3d.study._steps import Value
@@ -195,7 +196,8 @@ class StudyFolder(Closing):
             raise
 
     def __repr__(self) -> str:
-        return f"<manip3d.study.StudyFolder: {self.path}, {len(self.sessions)} participants>"
+        people = counted(len(self.sessions), "participant")
+        return f"<manip3d.study.StudyFolder: {self.path}, {people}>"
 
     def _locked(self) -> int:
         """Create the folder if it is absent, and lock it against other writers."""

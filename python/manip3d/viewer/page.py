@@ -21,6 +21,7 @@ import numpy as np
 from manip3d import simplify
 from manip3d._util.checked import checked
 from manip3d._util.paths import path_of
+from manip3d._util.texts import counted
 from manip3d.errors import InputError, MissingExtraError, RenderError
 from manip3d.io import write_mesh
 from manip3d.io._files import atomic_write
@@ -286,7 +287,7 @@ def displayed(thing: Shown, max_faces: int, max_points: int = MAX_POINTS) -> tup
         fewer = thing.thinned(max_points)
         return fewer, fewer.detail or f"{fewer.num_points:,} points"
     if thing.num_faces <= max_faces:
-        return thing, f"{thing.num_faces:,} face{'s' if thing.num_faces != 1 else ''}"
+        return thing, counted(thing.num_faces, "face", separator=",")
     light = simplify.qem4vr(thing, target_faces=max_faces).mesh
     return light, f"{thing.num_faces:,} faces, shown with {light.num_faces:,}"
 

@@ -13,6 +13,7 @@ from manip3d._util.arrays import as_array, rows
 from manip3d._util.checked import checked
 from manip3d._util.reprs import short_repr
 from manip3d._util.showing import Showable
+from manip3d._util.texts import counted
 from manip3d.errors import InputError
 from manip3d.lidar import Box, box_corners
 from manip3d.viewer.scene import Direction, Pose, Rgb, Up
@@ -451,7 +452,7 @@ class DrawnPoints(Showable):
         )
 
     def __repr__(self) -> str:
-        parts = [f"{self.num_points} points", *(column.name for column in self.columns)]
+        parts = [counted(self.num_points, "point"), *(column.name for column in self.columns)]
         return f"<manip3d.viewer.DrawnPoints: {', '.join(parts)}>"
 
 

@@ -12,6 +12,7 @@ from manip3d import _core
 from manip3d._util.checked import checked
 from manip3d._util.options import threads_of
 from manip3d._util.showing import Showable
+from manip3d._util.texts import counted
 from manip3d.camera import Intrinsics, Registration
 from manip3d.errors import InputError
 from manip3d.lidar import Box, LidarFrame
@@ -330,8 +331,7 @@ def rgbd_points(frame: RgbdFrame) -> DrawnPoints:
     poses = cloud.poses
     told = [cloud.detail] if cloud.num_points else []
     if frame.skeletons:
-        count = len(frame.skeletons)
-        told.append(f"{count} skeleton{'s' if count > 1 else ''}")
+        told.append(counted(len(frame.skeletons), "skeleton"))
     if lines and not cloud.num_points:  # only the bones tell the distance of people
         middle = float(np.median(np.concatenate([line.ends for line in lines])[..., 2]))
         poses = camera_poses(calibration.depth, middle)

@@ -6,6 +6,7 @@ from functools import singledispatch
 from typing import Any
 
 from manip3d._util.checked import checked
+from manip3d._util.texts import counted
 from manip3d.authenticate import DensityResult, GenericResult, Inspection, OcclusionResult
 from manip3d.errors import InputError
 from manip3d.forge import Forgery
@@ -155,8 +156,8 @@ def text_of(thing: Any) -> str:
         return f"<manip3d.authenticate.Inspection: {'; '.join([thing.verdict, *told])}>"
     if type(thing) not in DETECTORS:
         return repr(thing)
-    count = len(thing.suspected)
-    told = [thing.verdict, f"{count:,} point{'s' if count != 1 else ''} suspected"]
+    points = counted(len(thing.suspected), "point", separator=",")
+    told = [thing.verdict, f"{points} suspected"]
     if reason := getattr(thing, "reason", ""):
         told.append(reason)
     return f"<manip3d.authenticate.{type(thing).__name__}: {'; '.join(told)}>"
