@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import re
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -75,9 +76,15 @@ def test_a_closed_source_is_not_an_empty_one(name: str, tmp_path: Path) -> None:
         for _ in source:
             break
     assert source.read() is None
+    advice = "open it again" + (
+        ", or call start()" if isinstance(source, capture.RgbdSource) else ""
+    )
+    told = re.escape(f"source: {source.uri} is closed; {advice}") + "$"
     for read in (source.__iter__, source.past_errors):
-        with pytest.raises(InputError, match=f"source: {source.uri} is closed"):
+        with pytest.raises(InputError, match=told):
             next(read())
+    with source, pytest.raises(InputError, match=told):  # a second statement opens nothing
+        next(iter(source))
     if name in ("list", "folder"):
         source.start()
         assert len(list(source)) == 9

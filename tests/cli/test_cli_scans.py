@@ -158,11 +158,13 @@ def test_convert(tmp_path: Path) -> None:
     scan().replace(fields={"red": np.arange(300.0)}).write(tmp_path / "red.ply")
     done = manip3d("convert", str(tmp_path / "red.ply"), "-o", str(tmp_path / "red.bin"))
     assert "red left out" in done.stderr
+    shutil.copy(tmp_path / "red.ply", tmp_path / "red2.ply")  # one line for both files
     done = manip3d(
-        "convert", str(tmp_path / "red.ply"), "-o", str(tmp_path / "bins"), "--to", ".bin"
-    )
-    target = tmp_path / "bins" / "red.bin"
-    assert f"{tmp_path / 'red.ply'}: warning: {target}: red left out\n" in done.stderr
+        "convert", str(tmp_path / "red.ply"), str(tmp_path / "red2.ply"),
+        "-o", str(tmp_path / "bins"), "--to", ".bin", "--jobs", "1",
+    )  # fmt: skip
+    told = "and 1 more file: warning: red left out, which .bin does not hold\n"
+    assert f"{tmp_path / 'red2.ply'} {told}" in done.stderr
     assert "expected a name that ends in .pcd.bin" in run(
         "convert", tmp_path / "a.bin", "-o", tmp_path / "c.obj", code=1
     )

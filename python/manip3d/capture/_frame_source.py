@@ -30,6 +30,7 @@ class FrameSource(ABC, Generic[Frame]):
     is_live: bool
     _source: Any
     _has_ended = _is_stopped = _is_closed = False
+    _how_to_reopen = "open it again"
 
     @abstractmethod
     def read(self, timeout: float | None = None) -> Frame | None:
@@ -69,7 +70,7 @@ class FrameSource(ABC, Generic[Frame]):
 
     def _check_open(self) -> None:
         if self._is_closed:
-            raise InputError(f"source: {self.uri} is closed; read it within the with statement")
+            raise InputError(f"source: {self.uri} is closed; {self._how_to_reopen}")
 
     def __iter__(self) -> Iterator[Frame]:
         self._check_open()

@@ -175,7 +175,7 @@ class IteratedFrames:
     def counters(self) -> dict[str, int]:
         """Return the number of frames read, of those left out because they were late, and more.
 
-        What the frames' own source counts has a private name, for the reason of `conversions`.
+        Counters of the frames' own source have a private name, as in `conversions`.
         """
         own: Mapping[str, int] = getattr(self._all, "_own_counters", {})
         return {"frames": self._given, "dropped": self._dropped, **own}

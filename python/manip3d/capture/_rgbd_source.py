@@ -50,6 +50,8 @@ class RgbdSource(FrameSource[RgbdFrame]):
         Index in `past_errors` of each frame that could not be read, with the reason.
     """
 
+    _how_to_reopen = "open it again, or call start()"
+
     def __init__(
         self,
         uri: str,

@@ -249,7 +249,7 @@ def convert(source: str, output: Path, terminal: Terminal, calibration: Path | N
         tell_of_map(scan, suffix, terminal)
         _tell_of_grid(scan, suffix, terminal)
     _tell_left_out(
-        [name for scan in found for name in names_left_out(scan, suffix)], output, terminal
+        [name for scan in found for name in names_left_out(scan, suffix)], suffix, terminal
     )
     terminal.say(f"wrote {output}")
 
@@ -274,11 +274,12 @@ def _tell_of_grid(scan: LidarFrame, suffix: str, terminal: Terminal) -> None:
         )
 
 
-def _tell_left_out(names: list[str], output: Path, terminal: Terminal) -> None:
+def _tell_left_out(names: list[str], suffix: str, terminal: Terminal) -> None:
+    """Warn of columns without a place in a format, in words that are the same for all files."""
     told = list(dict.fromkeys(names))
     more = f" and {len(told) - _MAX_TOLD} more" if len(told) > _MAX_TOLD else ""
     if told:
-        terminal.warn(f"{output}: {', '.join(told[:_MAX_TOLD])}{more} left out")
+        terminal.warn(f"{', '.join(told[:_MAX_TOLD])}{more} left out, which {suffix} does not hold")
 
 
 def tell_of_map(scan: LidarFrame, suffix: str, terminal: Terminal) -> None:
@@ -334,7 +335,7 @@ def _write_folder(scans: Iterator[LidarFrame], output: Path, terminal: Terminal)
         damage = error
     if times and len(times) == count_written:
         atomic_write(output / "times.txt", "".join(times))
-    _tell_left_out(list(left_out), output, terminal)
+    _tell_left_out(list(left_out), ".bin", terminal)
     if count_written or damage is None:
         terminal.say(f"wrote {count_written} scans to {output}{os.sep}")
     if damage is not None:

@@ -123,7 +123,7 @@ class Opened:
     Attributes
     ----------
     thing : Scene or Mesh
-        What was read.
+        The scene or mesh.
     nodes_lost : str
         Why the nodes of a glTF file are not kept in an output that could hold them; empty if they
         are, or if there are none.
