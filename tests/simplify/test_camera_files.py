@@ -848,8 +848,60 @@ def test_what_a_scale_makes_infinite_is_no_pose(tmp_path: Path) -> None:
         simplify.poses_of_files(["a.png"], place)
 
 
-def test_two_frames_of_one_name_are_refused(tmp_path: Path) -> None:
-    frames = [frame_at(i, file_path=f"camera{i}/0001.png") for i in (1, 2)]
+def test_two_frames_of_one_name_are_refused_only_if_it_is_asked_for(tmp_path: Path) -> None:
+    paths = ("left/0001.png", "right/0001.png", "left/0002.png")
+    frames = [frame_at(i, file_path=path) for i, path in enumerate(paths)]
     place = transforms(tmp_path / "transforms.json", *frames)
-    with pytest.raises(FormatError, match="expected different names, got 0001 twice"):
-        simplify.poses_of_files(["a.png", "b.png"], place)
+    with pytest.raises(InputError, match=r"expected a frame of 0001\.png in .*, found 2"):
+        simplify.poses_of_files(["0002.png", "0001.png"], place)
+    (pose,) = simplify.poses_of_files(["0002.png"], place)
+    assert pose[0, 3] == 2
+    poses = simplify.poses_of_files(["a.png", "b.png", "c.png"], place)  # left before right
+    assert [pose[0, 3] for pose in poses] == [0, 2, 1]
+
+
+@pytest.mark.parametrize(
+    ("files", "frames", "found"),
+    [
+        (("depth_2.png", "depth_3.png"), ("rgb_1.png", "rgb_2.png", "rgb_3.png"), [2, 3]),
+        (("2_depth.png", "3_depth.png"), ("1.png", "2.png", "3.png"), [2, 3]),
+        (("3.png", "2.png"), ("0001.png", "0002.png", "0003.png"), [3, 2]),
+        (("img_0002.png",), ("frame 1.jpg", "frame 2.jpg"), [2]),
+        (("depth.png",), ("rgb.png",), [1]),  # without numbers, in order
+    ],
+)
+def test_frames_of_a_transforms_json_are_found_by_numbers(
+    files: tuple[str, ...], frames: tuple[str, ...], found: list[float], tmp_path: Path
+) -> None:
+    """Some depth images of many were refused, or got the poses of the first frames."""
+    named = [frame_at(i, file_path=name) for i, name in enumerate(frames, start=1)]
+    place = transforms(tmp_path / "transforms.json", *named)
+    assert [pose[0, 3] for pose in simplify.poses_of_files(files, place)] == found
+
+
+def test_files_get_no_poses_of_frames_with_other_numbers(tmp_path: Path) -> None:
+    """There are as many frames as files, so that they were assigned in order."""
+    named = [frame_at(i, file_path=f"rgb_{i:04}.png") for i in (1, 2)]
+    place = transforms(tmp_path / "transforms.json", *named)
+    with pytest.raises(InputError, match=r"expected a frame of depth_0003\.png in .*, found none"):
+        simplify.poses_of_files(["depth_0002.png", "depth_0003.png"], place)
+    with pytest.raises(InputError, match=r"a frame of b1\.png in .*, found that of a1\.png"):
+        simplify.poses_of_files(["a1.png", "b1.png"], place)
+
+
+@pytest.mark.parametrize("name", ["transforms.json", "truth.txt", "a.log", "a.conf"])
+def test_poses_may_begin_with_a_byte_order_mark(name: str, tmp_path: Path) -> None:
+    """The editor of Windows writes one."""
+    texts = {
+        "transforms.json": json.dumps({"frames": [frame_at(1, file_path="5.png")]}),
+        "truth.txt": POSES,
+        "a.log": "5 5 6\n" + MATRIX,
+        "a.conf": "bmesh 5.png 1 0 0 0 0 0 1\n",
+    }
+    place = tmp_path / name
+    given = []
+    for encoding in ("utf-8", "utf-8-sig"):
+        place.write_text(texts[name], encoding)
+        files = ["10.005.png"] if name == "truth.txt" else ["5.png"]
+        given += simplify.poses_of_files(files, place)
+    np.testing.assert_array_equal(*given)

@@ -25,7 +25,7 @@ _UNIT_TOLERANCE = 1e-3  # largest error of a quaternion's length and of R R^T
 def poses_by_file(path: Path) -> dict[str, NDArray[np.float64]]:
     """Read the poses of a Stanford ``.conf`` file; see `manip3d.datasets.read_poses`."""
     poses = {}
-    for number, line in enumerate(text_of(path).splitlines(), start=1):
+    for number, line in enumerate(_text(path).splitlines(), start=1):
         kind, *fields = line.split() or [""]
         if kind != "bmesh":
             continue
@@ -36,6 +36,11 @@ def poses_by_file(path: Path) -> dict[str, NDArray[np.float64]]:
             text = "expected 'bmesh FILE' and seven numbers, a quaternion among them"
             raise FormatError(text, file=str(path), line=number) from error
     return poses
+
+
+def _text(place: Path) -> str:
+    """Return a file's text without the byte order mark that editors of Windows write."""
+    return text_of(place).removeprefix("\ufeff")
 
 
 def rigid(values: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -148,7 +153,7 @@ def poses_of_transforms(place: Path) -> tuple[list[str], list[NDArray[np.float64
     divided by the file's ``applied_scale``, by which nerfstudio multiplies it, but no depths.
     """
     try:
-        fields = json.loads(text_of(place))
+        fields = json.loads(_text(place))
     except (ValueError, RecursionError):  # among them numbers with too many digits
         raise FormatError("expected JSON", file=str(place)) from None
     frames = fields.get("frames") if isinstance(fields, dict) else None
@@ -210,7 +215,7 @@ _COLUMNS = re.compile(r"((time(stamp)?|t) )?(frame )?t?x t?y t?z qx qy qz qw")
 
 def _header_of(place: Path) -> tuple[int, list[str]]:
     """Return the number of the line that names the columns, and their names; 0 if there is none."""
-    for number, line in enumerate(text_of(place).splitlines(), start=1):
+    for number, line in enumerate(_text(place).splitlines(), start=1):
         words = line.lower().replace(",", " ").split()
         if words and not words[0].startswith("#"):
             return (number, words) if _COLUMNS.fullmatch(" ".join(words)) else (0, [])
@@ -220,7 +225,7 @@ def _header_of(place: Path) -> tuple[int, list[str]]:
 def _numbers_of_lines(place: Path, header: int = 0) -> list[tuple[int, NDArray[np.float64]]]:
     """Return line number and values of each line that is neither empty, header nor a comment."""
     found = []
-    for number, line in enumerate(text_of(place).splitlines(), start=1):
+    for number, line in enumerate(_text(place).splitlines(), start=1):
         words = line.replace(",", " ").split()
         if not words or words[0].startswith("#") or number == header:
             continue
@@ -236,7 +241,7 @@ def _numbers_of_lines(place: Path, header: int = 0) -> list[tuple[int, NDArray[n
 
 def _is_lost(place: Path) -> bool:
     try:
-        numbers = [[float(word) for word in line.split()] for line in text_of(place).splitlines()]
+        numbers = [[float(word) for word in line.split()] for line in _text(place).splitlines()]
     except ValueError:
         return False
     return [len(row) for row in numbers if row] == [4, 4, 4, 4]

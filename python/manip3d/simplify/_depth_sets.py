@@ -219,6 +219,15 @@ def _without(words: _Words, kind: str) -> _Words:
     return words[: places[-1]] + words[places[-1] + 1 :] if places else words
 
 
+def keys_of_name(stem: str) -> tuple[Hashable, Hashable, Hashable]:
+    """Return what two names of one frame may have in common, the strictest first.
+
+    It is the whole name, its words without those for depth and colour, and its numbers.
+    """
+    words = _without(_without(_words(stem), "depth"), "color")
+    return stem, words or stem, _numbers(stem) or stem
+
+
 def maps_by_name(names: Sequence[str]) -> set[str]:
     """Return the names of masks and confidences among those of depth images in a folder.
 

@@ -6,7 +6,7 @@ import math
 import os
 import re
 import warnings
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 from pathlib import Path, PureWindowsPath
 from typing import TYPE_CHECKING
 
@@ -15,7 +15,7 @@ import numpy as np
 from manip3d._util.callers import caller_level
 from manip3d._util.checked import checked
 from manip3d._util.paths import by_number, path_of
-from manip3d.errors import FormatError, InputError
+from manip3d.errors import InputError
 from manip3d.io import DEPTH_SUFFIXES
 from manip3d.io._poses import (
     LostPoseError,
@@ -25,6 +25,7 @@ from manip3d.io._poses import (
     poses_of_transforms,
     trajectory,
 )
+from manip3d.simplify._depth_sets import keys_of_name
 from manip3d.simplify._time_stamps import MAX_SECONDS_APART, is_since_1970, seconds
 
 if TYPE_CHECKING:
@@ -62,7 +63,7 @@ def poses_of_files(
     Raises
     ------
     InputError
-        A file has no pose.
+        A file has no pose, or several frames of a ``transforms.json`` have its name.
     FormatError, OSError
         ``poses`` cannot be read, or a matrix is not finite (`simplify_camera_files` leaves out
         such files).
@@ -78,8 +79,10 @@ def poses_of_files(
     Lines without times are also assigned in order. In a ``.log`` a file's name is the number of its
     frame; if a name is not a number, the matrices are assigned in order. In a ``transforms.json``
     the frame of a file is that whose ``depth_file_path``, or else ``file_path``, has the file's
-    name, apart from the suffix. If no frame has the name of any file, the frames are assigned in
-    the order of their paths. ``applied_scale`` is undone, so that poses are in the unit of depths.
+    name, apart from the suffix. If no frame has the name of any file, the names may differ in the
+    words depth and color (``depth_1.png``, ``rgb_1.png``), or else in all but their numbers, which
+    are compared by value. If no numbers agree, the frames are assigned in the order of their paths.
+    ``applied_scale`` is undone, so that poses are in the unit of depths.
 
     Examples
     --------
@@ -166,28 +169,51 @@ def _matrix_of(file: Path, folder: Path) -> NDArray[np.float64]:
 
 
 def _of_transforms(files: Sequence[Path], place: Path) -> list[NDArray[np.float64]]:
-    """Return the pose of the frame that has the name of each file; in order if none has one."""
+    """Return the pose of the frame of each file's name; in order if no frame has such a name."""
     paths, poses = poses_of_transforms(place)
-    named: dict[str, NDArray[np.float64]] = {}
-    for path, pose in zip(paths, poses, strict=True):
-        # Paths may have the separators of Windows, and no suffix, as in NeRF's synthetic scenes.
-        name = _frame_name(PureWindowsPath(path).name)
-        if name and name in named:
-            raise FormatError(
-                f"frames: expected different names, got {name} twice", file=str(place)
-            )
-        named[name] = pose
     asked = [_frame_name(plain_name(file)) for file in files]
-    if not any(name in named for name in asked):
+    # Paths may have the separators of Windows, and no suffix, as in NeRF's synthetic scenes.
+    found = _frames_by_name(asked, [_frame_name(PureWindowsPath(path).name) for path in paths])
+    if not any(found):
         if all(paths):
             key = by_number(paths)
             order = sorted(range(len(paths)), key=lambda i: key(paths[i]))
             poses = [poses[i] for i in order]
         return _in_order(files, poses, place, words="names of frames")
-    for name, file in zip(asked, files, strict=True):
-        if name not in named:
-            raise InputError(f"poses: expected a frame of {file.name} in {place}, found none")
-    return [named[name] for name in asked]
+    _expect_one_frame_each(files, asked, found, place)
+    return [poses[i] for (i,) in found]
+
+
+def _expect_one_frame_each(
+    files: Sequence[Path], asked: Sequence[str], found: Sequence[Sequence[int]], place: Path
+) -> None:
+    """Raise InputError if a file has no frame or several, or shares it with one of another name."""
+    first: dict[int, int] = {}
+    for i, (file, frames) in enumerate(zip(files, found, strict=True)):
+        expected = f"poses: expected a frame of {file.name} in {place}, found"
+        if len(frames) != 1:
+            raise InputError(f"{expected} {len(frames) or 'none'}")
+        other = first.setdefault(frames[0], i)
+        if asked[other] != asked[i]:
+            raise InputError(f"{expected} that of {files[other].name}")
+
+
+def _frames_by_name(asked: Sequence[str], names: Sequence[str]) -> list[list[int]]:
+    """Return the indices of the frames of each name that is asked for.
+
+    Names agree as those of colour images do (`keys_of_name`); the strictest rule by which any name
+    has a frame holds for all.
+    """
+    keys = [(i, keys_of_name(name)) for i, name in enumerate(names) if name]
+    found: list[list[int]] = [[] for _ in asked]
+    for rule in range(3):
+        frames_of: dict[Hashable, list[int]] = {}
+        for i, key in keys:
+            frames_of.setdefault(key[rule], []).append(i)
+        found = [frames_of.get(keys_of_name(name)[rule], []) for name in asked]
+        if any(found):
+            break
+    return found
 
 
 _PICTURES = (*DEPTH_SUFFIXES, ".jpg", ".jpeg", ".webp")
