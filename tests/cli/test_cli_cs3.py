@@ -128,6 +128,79 @@ def test_cameras_of_folders_of_other_tools(frame: Path, tmp_path: Path, name: st
     assert name in error_line(manip3d(*order, "-o", tmp_path / "own", "--force"))
 
 
+def _folder_of_images(folder: Path, units_per_metre: int) -> Path:
+    """Write three depth images of a curved wall 1.5 to 2.5 m away, and no camera."""
+    (folder / "depth").mkdir(parents=True)
+    v, u = np.mgrid[:48, :64]
+    for number in range(3):
+        metres = 2.0 + 0.3 * np.sin(u / 9) + 0.2 * np.cos(v / 7 + number)
+        stored = np.round(metres * units_per_metre).astype(np.uint16)
+        Image.fromarray(stored).save(folder / "depth" / f"{number}.png")
+    return folder
+
+
+_CAMERA = "60,60,31.5,23.5"
+_CAMERA_OF_OPEN3D = '{"width": 64, "height": 48, "intrinsic_matrix": [60,0,0,0,60,0,31.5,23.5,1]}'
+
+
+@pytest.mark.parametrize("has_camera", [False, True])
+@pytest.mark.parametrize(
+    ("stored", "unit", "told"),
+    [
+        (5000, (), "unit tum (1/5000 m: TUM RGB-D, ICL-NUIM), guessed; --unit overrides it\n"),
+        (5000, ("--unit", "5000"), "unit tum (1/5000 m: TUM RGB-D, ICL-NUIM)\n"),
+        (1000, (), "unit mm (1/1000 m: Kinect V2, Azure Kinect, RealSense and most others), "),
+        (4000, ("--unit", "4000"), "unit 4000 (1/4000 m)\n"),
+    ],
+)
+def test_a_folder_of_images_has_the_unit_of_its_images(
+    stored: int, unit: tuple[str, ...], told: str, has_camera: bool, tmp_path: Path
+) -> None:
+    """It was taken to be in millimetres: TUM's images became meshes five times too far."""
+    folder = _folder_of_images(tmp_path / "sequence", stored)
+    if has_camera:
+        (folder / "camera_intrinsic.json").write_text(_CAMERA_OF_OPEN3D)
+    camera = () if has_camera else ("--intrinsics", _CAMERA)
+    order = ("depth", folder, "--points", "99", "-o", tmp_path / "out")
+    done = manip3d(*order, *camera, *unit, "--json")
+    assert done.returncode == 0, done.stderr
+    assert f"read 3 depth images, depth 1.50 to 2.50 m, {told}" in done.stderr
+    record = json.loads(done.stdout)
+    assert record["unit"] == {5000: "tum", 1000: "mm", 4000: "4000"}[stored]
+    assert record["unit_guessed"] == (not unit)
+    away = -read_mesh(tmp_path / "out" / "000000.glb").vertices[:, 2]
+    assert 1.5 < away.min() < away.max() < 2.51
+
+
+def test_options_for_images_alone_name_their_folder(tmp_path: Path) -> None:
+    folder = _folder_of_images(tmp_path / "sequence", 5000)
+    order = ("depth", folder, "--points", "99", "-o", tmp_path / "out", "--intrinsics", _CAMERA)
+    for option, value in (("--mask", folder), ("--color", folder), ("--to", ".ply")):
+        told = f"{option}: cannot be given with an RGB-D recording; {folder / 'depth'}, its depth "
+        assert told in error_line(manip3d(*order, option, value))
+    told = f"got sun; {folder / 'depth'}, its depth images alone, may have it"
+    assert told in error_line(manip3d(*order, "--unit", "sun"))
+    address = f"folder:{folder}"  # without a camera
+    done = manip3d("depth", address, "--points", "99", "-o", tmp_path / "out")
+    assert "expected the camera of its images (--intrinsics, or " in error_line(done)
+    for image in (folder / "depth").iterdir():  # depths of 8 bits are read in millimetres
+        Image.fromarray(np.full((48, 64), 200, np.uint8)).save(image)
+    assert manip3d(*order).returncode == 0
+
+
+def test_views_of_a_folder_have_its_camera(tmp_path: Path) -> None:
+    folder = _folder_of_images(tmp_path / "sequence", 5000)
+    (tmp_path / "poses.txt").write_text("0 0 0 0 0 0 1\n" * 3)
+    order = ("depth", folder, "--points", "99", "--poses", tmp_path / "poses.txt", "-o")
+    assert "--intrinsics: expected the camera" in error_line(manip3d(*order, tmp_path / "a.ply"))
+    given = manip3d(*order, tmp_path / "given.ply", "--intrinsics", _CAMERA)
+    assert given.returncode == 0, given.stderr
+    (folder / "camera_intrinsic.json").write_text(_CAMERA_OF_OPEN3D)
+    own = manip3d(*order, tmp_path / "own.ply")
+    assert own.returncode == 0, own.stderr
+    assert (tmp_path / "own.ply").read_bytes() == (tmp_path / "given.ply").read_bytes()
+
+
 @pytest.mark.parametrize(
     ("given", "named"),
     [(("--method", "relief", "--max-edge", "0.01"), "--max-edge"),

@@ -8,7 +8,7 @@ from contextlib import AbstractContextManager, contextmanager
 from contextvars import ContextVar
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
 
@@ -258,6 +258,8 @@ def _join(sources: list[str], given: dict[str, Any]) -> bool:
     _expect_budget(given["points"], given["ratio"], wanted="--points or --ratio")
     output: Path = given["output"]
     shell = Terminal(as_json=given["as_json"], quiet=given["quiet"])
+    if len(sources) == 1 and not given["intrinsics"]:
+        given = {**given, "intrinsics": _camera_in(Path(sources[0]))}
     with naming_options(*_OPTIONS, "poses", *given["shared"]):
         refused = [*given["shared"], *(name for name in _NOT_JOINED if given[name])]
         if refused:
@@ -318,21 +320,21 @@ def _recording(sources: list[str], given: dict[str, Any]) -> bool:
     _expect_budget(given["points"], given["ratio"], wanted="--points or --ratio")
     output: Path = given["output"]
     shell = Terminal(as_json=given["as_json"], quiet=given["quiet"])
+    images = _images_alone(sources[0])
     with naming_options(*_OPTIONS, *given["shared"]):
-        asked = [
-            name
-            for name in _NOT_FOR_RECORDINGS
-            if given[name] is not False and given[name] not in (None, "", "guess")
-        ]
-        refused = [*given["shared"], *asked]
-        if refused:
-            raise InputError(f"{refused[0]}: cannot be given with an RGB-D recording")
+        _refuse_for_recordings(images, given)
         check_output(output, (), force=given["force"], folder=True)
-        options = _options_of({**given, "intrinsics": ""})
         if given["stable"] and given["method"] != DepthMethod.relief:
             raise InputError(f"stable: expected method relief, got {given['method']}")
+        depth = _depth_of_images(images, given)
+        per_metre = 0.0 if depth is None else depth.units_per_metre(images[0].parent)
+        options = _options_of({**given, "intrinsics": "", "unit": "guess"})
+    if depth is not None:
+        shell.say(depth.sentence)
     with (
-        open_source(sources[0], shell, intrinsics=given["intrinsics"]) as frames,
+        open_source(
+            sources[0], shell, intrinsics=given["intrinsics"], units_per_metre=per_metre
+        ) as frames,
         shell.progress("simplify") as progress,
     ):
         made = simplify.simplify_recording(
@@ -346,12 +348,90 @@ def _recording(sources: list[str], given: dict[str, Any]) -> bool:
         )
     shell.say(_recording_sentence(made, output))
     failed = {str(n): named_as_options(reason, _OPTIONS) for n, reason in made.failed.items()}
-    shell.result({"output": str(output), "frames": [_record(r) for r in made.frames],
+    unit = {} if depth is None else {"unit": depth.unit, "unit_guessed": depth.is_guess}
+    shell.result({"output": str(output), **unit, "frames": [_record(r) for r in made.frames],
                   "failed": failed})  # fmt: skip
     missed = any(r.target_missed or r.coverage_missed or r.bridges_missed for r in made.frames)
     if given["strict"] and (missed or failed):
         raise typer.Exit(MISSED)
     return True
+
+
+def _refuse_for_recordings(images: Sequence[Path], given: Mapping[str, Any]) -> None:
+    """Raise InputError if an option does not go with a recording, or with a folder of images."""
+    asked = [
+        name
+        for name in _NOT_FOR_RECORDINGS
+        if given[name] is not False
+        and given[name] not in (None, "", "guess")
+        and not (images and name == "unit")
+    ]
+    if refused := [*given["shared"], *asked]:
+        taker = f"; {images[0].parent}, its depth images alone, takes it" if images else ""
+        raise InputError(f"{refused[0]}: cannot be given with an RGB-D recording{taker}")
+
+
+def _images_alone(source: str) -> list[Path]:
+    """Return the depth images of a folder in which no recording's file states their unit."""
+    from manip3d.capture._first_image import depth_images_of
+
+    folder = Path(source.removeprefix("folder:"))
+    if any((folder / name).exists() for name in (*_CAMERA_FILES, "frames.jsonl")):
+        return []
+    return depth_images_of(folder)
+
+
+class _DepthOfImages(NamedTuple):
+    """Unit of a folder's depth images, and a sentence on it for people to check."""
+
+    unit: str
+    is_guess: bool
+    sentence: str
+
+    def units_per_metre(self, images: Path) -> float:
+        """Return the number of units in a metre, which the frames of a folder need.
+
+        Raises
+        ------
+        InputError
+            The unit is no multiple of a depth.
+        """
+        from manip3d.io._depth_units import units_per_metre
+
+        number = units_per_metre(self.unit)
+        if number is None:
+            unit = f"{self.unit}, which was guessed" if self.is_guess else self.unit
+            raise InputError(
+                f"unit: expected a number of units per metre for the frames of a recording, got "
+                f"{unit}; {images}, its depth images alone, may have it"
+            )
+        return number
+
+
+def _depth_of_images(images: Sequence[Path], given: Mapping[str, Any]) -> _DepthOfImages | None:
+    """Return the unit that was given, that the camera states, or that most images look like.
+
+    None: there are no images that can be read, or no camera.
+    """
+    from manip3d.simplify._depth_sets import depths_of_some
+    from manip3d.simplify._depth_words import sentence_of_images
+
+    camera = given["intrinsics"] or (_camera_in(images[0].parents[1]) if images else "")
+    if not images or not camera:
+        return None
+    found = depths_of_some(images, _options_of({**given, "intrinsics": camera}))
+    if not found:
+        return None
+    is_guess = any(each.is_guess for each in found)
+    override = "; --unit overrides it" if is_guess else ""
+    return _DepthOfImages(found[0].unit, is_guess, f"read {sentence_of_images(found)}{override}")
+
+
+def _camera_in(folder: Path) -> str:
+    """Return the name of the file by which another tool states a folder's camera, or nothing."""
+    from manip3d.capture._folder_camera import camera_file_of
+
+    return str(camera_file_of(folder) or "")
 
 
 _CAMERA_FILES = ("calibration.json", "depth.txt", "metadata.yaml")

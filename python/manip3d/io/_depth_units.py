@@ -162,6 +162,9 @@ _UNITS: Mapping[str, tuple[str, Callable[[NDArray[Any]], Depth]]] = {
 DEPTH_UNITS = tuple(_UNITS)
 """Names of the units that `read_depth_guessing` knows."""
 
+_UNIT_OF_NUMBER = {1.0: "m", 1000.0: "mm", 5000.0: "tum"}
+"""Names of units by their number in a metre."""
+
 _WHOLE_ONLY = ("kinect-raw", "nyu", "sun")
 
 _DISPARITY = "disparity:"
@@ -330,7 +333,24 @@ def _checked_unit(unit: str | float) -> str:
     if not 0 < number < float("inf"):
         known = ", ".join(("guess", *_UNITS, "disparity:FB"))
         raise InputError(f"unit: expected {known} or a number of units per metre, got {text!r}")
-    return {1.0: "m", 1000.0: "mm", 5000.0: "tum"}.get(number, f"{number:g}")
+    return _UNIT_OF_NUMBER.get(number, f"{number:g}")
+
+
+def units_per_metre(unit: str) -> float | None:
+    """Return how many of a unit, other than ``guess``, are a metre; None if no number is.
+
+    Disparities and SUN RGB-D's rotated bits are no multiples of a depth.
+
+    Raises
+    ------
+    InputError
+        ``unit`` is not a unit of `read_depth_guessing`.
+    """
+    name = _checked_unit(unit)
+    if name in _WHOLE_ONLY or name.startswith(_DISPARITY):
+        return None
+    numbers = {named: number for number, named in _UNIT_OF_NUMBER.items()}
+    return numbers[name] if name in numbers else float(name)
 
 
 def _disparity_numbers(unit: str) -> tuple[float, float]:

@@ -7,9 +7,11 @@ import os
 import re
 from collections import Counter
 from collections.abc import Callable, Hashable, Sequence
+from dataclasses import replace
 from fractions import Fraction
 from itertools import pairwise
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 
@@ -18,7 +20,9 @@ from manip3d._util.paths import by_number, has_decimals, in_order, is_hidden, pa
 from manip3d.camera import camera_depth_unit
 from manip3d.errors import FormatError, InputError
 from manip3d.io import DEPTH_SUFFIXES, read_depth_guessing
-from manip3d.simplify._depth_words import COMMON_GUESS
+from manip3d.simplify._depth_inputs import read_frame
+from manip3d.simplify._depth_options import DepthOptions
+from manip3d.simplify._depth_words import COMMON_GUESS, DepthFound
 from manip3d.simplify._time_stamps import MAX_SECONDS_APART, associate, seconds
 
 _NUMBER = r"[0-9]+(?:\.[0-9]+)?"
@@ -26,6 +30,7 @@ _IMAGE_SUFFIXES = (*DEPTH_SUFFIXES, ".jpg", ".jpeg", ".bmp", ".ppm", ".webp")
 _FRAMES_FOR_A_GUESS = 9
 _LEAST_EPOCH = 10**9  # the year 2001 in seconds since 1970: greater numbers are no frame numbers
 _MOST_FRAMES = 90_000_000
+_Frame = TypeVar("_Frame")
 _MOST_SECONDS = 9e9  # greater numbers are dates; nanoseconds of these do not fit 64 bits
 
 
@@ -359,12 +364,18 @@ def common_depth_unit(
     if unit != "guess" or camera_depth_unit(intrinsics) != "guess":
         return unit
     guesses: Counter[str] = Counter()
-    for number in np.linspace(0, len(frames) - 1, min(len(frames), _FRAMES_FOR_A_GUESS)):
+    for frame in _some(frames):
         try:
-            guesses[read_depth_guessing(frames[int(number)]).unit] += 1
+            guesses[read_depth_guessing(frame).unit] += 1
         except (FormatError, OSError):  # reported when that frame is simplified
             continue
     return guesses.most_common(1)[0][0] if guesses else "guess"
+
+
+def _some(frames: Sequence[_Frame]) -> list[_Frame]:
+    """Return up to nine evenly spaced frames."""
+    numbers = np.linspace(0, len(frames) - 1, min(len(frames), _FRAMES_FOR_A_GUESS))
+    return [frames[int(number)] for number in numbers]
 
 
 def common_guess(
@@ -373,3 +384,19 @@ def common_guess(
     """Return `common_depth_unit`, marked as a guess (`COMMON_GUESS`) if it is one."""
     found = common_depth_unit(frames, unit, intrinsics)
     return f"{COMMON_GUESS}{found}" if unit == "guess" != found else found
+
+
+def depths_of_some(images: Sequence[Path], options: DepthOptions) -> list[DepthFound]:
+    """Return what up to nine depth images of one camera hold, all in one unit.
+
+    Images that cannot be read are left out, since their own turn reports them.
+    """
+    unit = common_guess(images, options.unit, options.intrinsics)
+    found = []
+    for image in _some(images):
+        try:
+            reading, camera, _, doubt = read_frame(image, replace(options, unit=unit))
+        except (FormatError, OSError):
+            continue
+        found.append(DepthFound.of(reading, doubt, camera))
+    return found
