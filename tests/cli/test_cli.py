@@ -855,6 +855,34 @@ def test_warnings_are_lines_without_places_in_the_code(tmp_path: Path) -> None:
     warning = "warning: fields that are not a camera's are left out: 'note'"
     assert warning in done.stderr.splitlines()
     assert manip3d("depth", tmp_path / "a.npy", *order, "--quiet").stderr == ""
+    for more in ((), ("--quiet",)):
+        told = json.loads(manip3d("depth", tmp_path / "a.npy", *order, "--json", *more).stdout)
+        assert told["warnings"] == [warning.removeprefix("warning: ")]
+    ignored = manip3d("depth", tmp_path / "a.npy", *order, "--json", PYTHONWARNINGS="ignore")
+    assert "warnings" not in json.loads(ignored.stdout)
+    assert warning not in ignored.stderr
+
+
+@pytest.mark.parametrize("more", [("--jobs", "1"), ("--jobs", "2"), ("--jobs", "2", "--quiet"),
+                                  ("--dask", "local")])  # fmt: skip
+def test_warnings_of_the_library_are_in_the_rows(more: tuple[str, ...], tmp_path: Path) -> None:
+    """Each process printed them once, and no row told of them."""
+    if "--dask" in more:
+        pytest.importorskip("distributed")
+    images = tmp_path / "images"
+    images.mkdir()
+    for name in ("a", "b", "c", "d"):
+        np.save(images / f"{name}.npy", np.full((20, 20), 2.0, np.float32))
+    camera = tmp_path / "camera.json"
+    camera.write_text('{"fx": 20, "fy": 20, "cx": 9.5, "cy": 9.5, "note": 1}')
+    order = ("--points", "9", "--intrinsics", camera, "-o", tmp_path / "out", "--json")
+    done = manip3d("depth", images, *order, *more)
+    assert done.returncode == 0, done.stderr
+    warning = "fields that are not a camera's are left out: 'note'"
+    assert [row["warnings"] for row in json.loads(done.stdout)] == [[warning]] * 4
+    assert done.stderr.count(warning) == ("--quiet" not in more)
+    if "--quiet" not in more:
+        assert f"{images / 'a.npy'} and 3 more files: warning: {warning}\n" in done.stderr
 
 
 def test_an_empty_name_is_no_folder(tmp_path: Path) -> None:

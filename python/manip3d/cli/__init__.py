@@ -199,7 +199,16 @@ def start_messages() -> None:
 
 
 def _show_warnings_in_lines() -> None:
-    """Print warnings in one line, without the file and line number that Python adds."""
+    """Print the library's warnings in one line each, and let them be in rows and results.
+
+    Python would add the place in the code, and would give equal warnings on several files only once
+    in each process, so that rows would depend on the number of processes. Options of Python on
+    warnings are heeded.
+    """
+    from manip3d.cli.terminal import keep_warning
+
+    if not sys.warnoptions:
+        warnings.simplefilter("always", UserWarning)
 
     def show(
         message: Warning | str,
@@ -209,10 +218,11 @@ def _show_warnings_in_lines() -> None:
         file: TextIO | None = None,
         line: str | None = None,
     ) -> None:
-        if not logging.getLogger("manip3d").isEnabledFor(logging.WARNING):
-            return
-        with contextlib.suppress(OSError):
-            print(f"warning: {' '.join(str(message).split())}", file=file or sys.stderr)
+        text = " ".join(str(message).split())
+        is_to_be_told = keep_warning(text)
+        if is_to_be_told and logging.getLogger("manip3d").isEnabledFor(logging.WARNING):
+            with contextlib.suppress(OSError):
+                print(f"warning: {text}", file=file or sys.stderr)
 
     warnings.showwarning = show
 

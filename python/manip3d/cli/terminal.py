@@ -34,6 +34,7 @@ class Collected:
 
 _collected: ContextVar[Collected | None] = ContextVar("collected", default=None)
 _names: ContextVar[Mapping[str, str] | None] = ContextVar("names", default=None)
+_of_library: list[str] = []  # the library's warnings in this process, apart from those of rows
 
 
 @contextmanager
@@ -45,6 +46,22 @@ def collecting() -> Iterator[Collected]:
         yield found
     finally:
         _collected.reset(token)
+
+
+def keep_warning(text: str) -> bool:
+    """Keep a warning of the library for the row of a file or the result of a single verb.
+
+    Returns
+    -------
+    bool
+        Whether it is to be printed: it is new, and not on one file of many.
+    """
+    found = _collected.get()
+    kept, text = (_of_library, text) if found is None else (found.warnings, shown(text))
+    is_new = text not in kept
+    if is_new:
+        kept.append(text)
+    return is_new and found is None
 
 
 @contextmanager
@@ -117,14 +134,16 @@ class Terminal:
     def result(self, value: Any, show: Callable[[Console], None] | None = None) -> None:
         """Print the verb's result: ``value`` with ``--json``, otherwise by ``show``.
 
-        With ``--json``, a result with names gets the warnings before it, if any, as ``warnings``.
+        With ``--json``, a result with names gets the warnings before it, if any, as ``warnings``:
+        those of the library, then the verb's own.
         """
         found = _collected.get()
         if found is not None:
             found.results.append(value)
         elif self.as_json:
-            if self._warnings and isinstance(value, dict):
-                value = value | {"warnings": self._warnings}
+            told = list(dict.fromkeys([*_of_library, *self._warnings]))
+            if told and isinstance(value, dict):
+                value = value | {"warnings": told}
             print(json.dumps(finite(shown(value)), indent=1))
             Terminal.has_answered = True
         elif show is not None:
