@@ -167,10 +167,9 @@ class Surface {
   /// Column and row of the input.
   [[nodiscard]] std::int32_t input_u(std::int32_t pixel) const { return u(pixel) + u0_; }
   [[nodiscard]] std::int32_t input_v(std::int32_t pixel) const { return v(pixel) + v0_; }
-  /// The pixel of this surface at a pixel of the input, or -1 outside. A surface of every second
-  /// pixel rounds down.
+  /// The pixel of this surface at a pixel of the input, or -1 outside.
   [[nodiscard]] std::int32_t pixel_at(std::int64_t input_u, std::int64_t input_v) const;
-  /// is_used() for each column of a row of the input. Only for surfaces of every pixel.
+  /// is_used() for each column of a row of the input.
   /// @param out  as long as a row of the input.
   void uses_of_row(std::int64_t input_v, std::span<std::uint8_t> out) const;
   /// A pixel of the input as one number, for sizes up to 65 536.

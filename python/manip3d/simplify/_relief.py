@@ -350,12 +350,11 @@ def relief(
     growth of sqrt(area x quadric), then edge flips and moves to other measured points nearby that
     lower the sum of distances between the pixels and their triangles' planes. Silhouettes and
     depth discontinuities (``max_edge``) are boundaries of the mesh from the start, and vertices
-    there move pixel by pixel to where the surface ends. With 64 pixels or more to a vertex
-    ``live`` works on every second one. It bisects by the distance times the area, goes down to
-    squares of four pixels where the surface ends and keeps of the contour in each the pixels at
-    which it turns; most of its edges collapse one after the other, below a limit for the price
-    that rises from pass to pass, and it flips edges by twelve pixels of each pair of triangles.
-    Small pieces that would have a tenth of the points are left out in these passes, too.
+    there move pixel by pixel to where the surface ends. ``live`` bisects by the distance times the
+    area, goes down to squares of four pixels where the surface ends and keeps of the contour in
+    each the pixels at which it turns; most of its edges collapse one after the other, below a limit
+    for the price that rises from pass to pass, and it flips edges by twelve pixels of each pair of
+    triangles. Small pieces that would have a tenth of the points are left out in these passes, too.
     Any target is met: where it costs less than the next collapse, holes are closed, bays of the
     silhouette filled and small pieces left out; ``coverage`` and ``bridges`` say how much. Except
     with ``live``, triangles go of which more lies over unmeasured pixels than they alone cover of
@@ -374,7 +373,7 @@ def relief(
     counts each pixel of the dense surface alike; pieces without confidence are no part of it. Two
     kinds of vertices can be at a pixel without confidence: those where the surface ends, and one
     or two within a region of thousands of pixels; more if fewer pixels have a confidence than there
-    are points (with ``live``, of every second row and column).
+    are points.
 
     Examples
     --------
