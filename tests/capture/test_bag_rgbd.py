@@ -176,7 +176,7 @@ def test_depth_images_whose_colours_were_lost_have_none(tmp_path: Path) -> None:
 
 
 def test_without_a_colour_camera_no_frame_lacks_its_colour(tmp_path: Path) -> None:
-    """As in folders of images, whose counters have no such number then."""
+    """Folders of images without colour have no such counter either."""
     depth = [depth_at(1.0 + n / 30, millimetres(n)) for n in range(3)]
     source = capture.open_rgbd(bag_of(tmp_path, [*cameras(), *depth]))
     assert [frame.color for frame in source] == [None] * 3
