@@ -260,7 +260,7 @@ def test_a_recording_that_is_cut_off_keeps_its_verdict(
             return past_errors(turns(), self.errors, (manip3d.Error,))
 
     monkeypatch.setattr(
-        "manip3d.capture._drive.open_lidar", lambda *_, **__: nullcontext(Packets())
+        "manip3d.capture._drive.open_unlabelled", lambda *_, **__: nullcontext(Packets())
     )
     options = ("--lattice", tmp_path / "lattice.json", "-q", "--force", "--log", log)
     done = run(recording, *options, "-o", page)

@@ -349,9 +349,10 @@ def test_objects_are_not_moved_into_others() -> None:
     with pytest.raises(InputError, match="angle, sideways: expected a free place"):
         forge.rotation(_street(car, fence), box, sideways=2.0)
     forge.rotation(_street(car, fence), box, sideways=-2.0)
-    post = np.array([[5.0, 1.3, 0.0]])
+    post = np.array([[4.9, 1.0, 0.0]])  # in the way of a corner
+    tight = Box((4.9, -0.1, -0.3), (1.9, 1.9, 2.2))
     with pytest.raises(InputError, match="angle: expected a free place, got one with 1 point of"):
-        forge.rotation(_street(car, post), box, angle=0.8)
+        forge.rotation(_street(car, post), tight, angle=0.8)
 
 
 def test_the_place_of_a_turned_object_is_turned() -> None:
