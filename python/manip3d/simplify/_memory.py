@@ -422,4 +422,6 @@ def _reduce(
         if stage.mesh.num_faces <= plan.faces:
             return
         limit = max(0.0, max_error - stage.max_error)
-        _reduce_in_parts(stage, plan.faces, plan.depth, share, limit, locked, report)
+        # A collapse removes two faces, so that each part may keep one more than its share.
+        goal = max(1, plan.faces - 2**plan.depth)
+        _reduce_in_parts(stage, goal, plan.depth, share, limit, locked, report)
