@@ -25,7 +25,7 @@ class _Short(reprlib.Repr):
 
     def repr1(self, value: Any, level: int) -> str:
         # NumPy's scalars would show their types: np.float64(0.5).
-        number = value.item() if isinstance(value, np.number | np.bool) else value
+        number = value.item() if isinstance(value, np.number | np.bool_) else value
         return super().repr1(number, level)
 
     def repr_float(self, value: float, level: int) -> str:
