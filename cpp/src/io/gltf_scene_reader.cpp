@@ -44,8 +44,8 @@ std::vector<MeshUse> uses_of_meshes(const GltfDocument& document,
   return uses;
 }
 
-/// Why a mesh must stay as in the file, because a TriangleMesh could not replace it without losses
-/// that matter; empty: it can be replaced.
+/// Reason why a mesh must stay as in the file, because a TriangleMesh could not replace it without
+/// losses that matter; empty if it can be replaced.
 std::string reason_to_keep(const JsonPlace& mesh, const MeshUse& use) {
   if (!use.is_drawn) return "the default scene does not show it";
   const JsonPlace primitives = mesh.member("primitives");

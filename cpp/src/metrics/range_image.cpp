@@ -214,9 +214,9 @@ class Shifts {
 
 constexpr double kSlack = 1e-6;  // pixels; far above the rounding of a place
 
-/// How far beyond the places of its corners a triangle may be hit, for a coordinate in which they
-/// extend over `extent` pixels. By kOnBorder the weights of two corners may be negative, and a
-/// place is the mean of the corners' weighted by `under` as well.
+/// Largest distance beyond the places of its corners at which a triangle may be hit, for a
+/// coordinate in which they extend over `extent` pixels. By kOnBorder the weights of two corners
+/// may be negative, and a place is the mean of the corners' weighted by `under` as well.
 double reach_beyond(const Eigen::Vector3d& under, double extent) {
   return kSlack - 4.0 * kOnBorder * extent * under.maxCoeff() / under.minCoeff();
 }

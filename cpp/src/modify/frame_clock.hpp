@@ -40,7 +40,7 @@ class FrameClock {
   std::int64_t last_time_ns_ = 0, last_number_ = 0, elapsed_ns_ = 0;
   std::int64_t num_with_time_ = 1;           ///< Frames with the last time stamp.
   std::int64_t period_ns_ = kNominalPeriod;  ///< Time between frames with one time stamp.
-  std::int64_t ahead_ns_ = 0;  ///< How far these frames have advanced beyond that time stamp.
+  std::int64_t ahead_ns_ = 0;  ///< Time by which these frames are ahead of that time stamp.
   std::int64_t late_frames_ = 0, late_in_row_ = 0;
 };
 

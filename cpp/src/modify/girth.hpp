@@ -6,7 +6,7 @@
 
 namespace manip3d {
 
-/// How stout a person is, over the frames.
+/// Stoutness of a person, estimated over the frames.
 ///
 /// The points of a trunk or a limb lie on the skin of its bones if the bones have the right radii.
 /// The median distance of the points outside the skin is added to the girth, minus an allowance for

@@ -250,9 +250,9 @@ void TrunkTracker::measure_symmetry(const SeenDepth& seen) {
   plane_.measure(prior, surface_, *pose_, pelvis_.turn(), seen);
 }
 
-/// How far the flesh of the trunk lies beside its joints in a direction, metres: as far as that of
-/// the limbs where this is beyond the errors that their own joints have. The weight's power of four
-/// was chosen on the tuning half of benchmarks/bench_people.py, whose limbs lie up to 3.2 cm aside.
+/// Offset between the flesh of the trunk and its joints in a direction, metres. It is that of the
+/// limbs if that offset exceeds the errors of their own joints. The weight's power of four was
+/// chosen on the tuning half of benchmarks/bench_people.py, whose limbs lie up to 3.2 cm aside.
 double TrunkTracker::offset_along(const Eigen::Vector3d& n) const {
   const double off = offset_.dot(n), ratio = off * off / (kJointBias * kJointBias);
   return off * ratio * ratio / (1.0 + ratio * ratio);

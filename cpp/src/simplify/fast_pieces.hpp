@@ -49,7 +49,7 @@ class FastPieces {
   [[nodiscard]] std::int64_t num_spent() const { return num_spent_; }
 
   [[nodiscard]] std::int64_t num_removed() const { return num_removed_; }
-  /// How often a piece stayed because its distance was above max_error.
+  /// Number of times that a piece stayed because its distance was above max_error.
   [[nodiscard]] std::int64_t num_too_far() const { return num_too_far_; }
   /// The largest mean distance of a removed piece, in input units.
   [[nodiscard]] double error() const { return error_; }

@@ -56,7 +56,7 @@ constexpr std::int64_t kTetrahedron = 4;
 /// represents, which planes do not show.
 constexpr std::int64_t kLastFaces = 12;
 
-/// How far outside the box of its original faces a vertex may end up, relative to the diagonal of
+/// Largest distance of a vertex outside the box of its original faces, relative to the diagonal of
 /// the box. The tip of a cone with the volume of a spherical cap that reaches 50 degrees from its
 /// axis is this far outside. Tips that are farther outside preserve a volume that is mostly gone,
 /// and look like spikes.

@@ -8,9 +8,9 @@
 namespace manip3d::quality_detail {
 namespace {
 
-/// How far outside its original chart a texture coordinate may be fitted, relative to the diagonal
-/// of the box of the chart. Round borders of charts need a little; it is less than the margin that
-/// atlases have around charts, beyond which they show the background.
+/// Largest distance of a fitted texture coordinate outside its original chart, relative to the
+/// diagonal of the box of the chart. Round borders of charts need a little; it is less than the
+/// margin that atlases have around charts, beyond which they show the background.
 constexpr double kTextureReach = 0.003;
 
 }  // namespace

@@ -107,7 +107,7 @@ constexpr double kMuchSpeck = 0.1;
 /// the rest of the surface would give its vertices first.
 constexpr double kManySpecks = 0.1;
 
-/// How much work an effort does in each stage. The values were chosen on the Stanford scans: each
+/// Amount of work of an effort in each stage. The values were chosen on the Stanford scans: each
 /// slower effort has a smaller error.
 struct Budget {
   /// Bisections of the first triangulation per target vertex. Of 1, 2, 2.5 and 3 for kBalanced,

@@ -15,7 +15,7 @@ inline std::int64_t doubled_area(const PixelPlace& a, const PixelPlace& b, const
   return std::int64_t{b[0] - a[0]} * (c[1] - a[1]) - std::int64_t{b[1] - a[1]} * (c[0] - a[0]);
 }
 
-/// How pixels on the sides of a triangle are treated.
+/// Treatment of pixels on the sides of a triangle.
 enum class SidePixels : std::uint8_t {
   kShared,  ///< A pixel on a side counts for one of the two triangles at that side.
   kOpen,    ///< Pixels on sides do not count.

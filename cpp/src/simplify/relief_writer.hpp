@@ -35,9 +35,9 @@ class ReliefWriter {
   [[nodiscard]] std::int32_t number(std::int32_t vertex) const { return number_[vertex]; }
 
  private:
-  /// How a vertex is written.
+  /// Form in which a vertex is written.
   enum class Written : std::uint8_t {
-    kNot,
+    kNot,       ///< Left out.
     kAsOwn,     ///< Becomes an output vertex of its own.
     kWithLast,  ///< Shares that of the previous vertex in `order_`, at the same pixel.
   };

@@ -81,7 +81,7 @@ def are_echoes(
 
 
 def _looks_like_two_echoes(cells: Cells) -> NDArray[np.bool_]:
-    """Which cells hold two points on surfaces that cells beside them hold alone."""
+    """Mask of cells that hold two points on surfaces that cells beside them hold alone."""
     height, width = cells.num_points.shape
     row, column = np.nonzero(cells.num_points == 2)
     near, far = cells.nearest[row, column], cells.farthest[row, column]

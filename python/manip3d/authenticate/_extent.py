@@ -102,7 +102,7 @@ OWN_CAR_CUT = f"{OWN_CAR_SILENT} nearer than {NEAREST_OF_OWN_CAR:g} m"
 
 
 class Lacking(NamedTuple):
-    """Why a turn may lack points that the scanner measured.
+    """Reason why a turn may lack points that the scanner measured.
 
     Attributes
     ----------

@@ -378,7 +378,7 @@ def _inspected(
 
 
 def _why_not_given(scan: LidarFrame, lattice: SensorLattice, threads: int) -> str:
-    """Why a scan was not judged by the lattice that was given."""
+    """Reason why a scan was not judged by the lattice that was given."""
     if (why := why_off_lattice(scan, lattice, threads=threads)) is not None:
         return f"not judged by the given lattice: {why}"
     if not (lattice.range_step or lattice.power):

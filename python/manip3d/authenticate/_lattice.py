@@ -389,14 +389,14 @@ class SensorLattice:
 
     @staticmethod
     def _is_within_reach(points: NDArray[np.float32]) -> NDArray[np.bool_]:
-        """Which points have coordinates that are exact to the tolerance of exact clouds."""
+        """Mask of points with coordinates that are exact to the tolerance of exact clouds."""
         has_five_digits = has_whole_millimetres(points, FIVE_DIGITS_TO)
         reach = FIVE_DIGITS_TO if has_five_digits else EXACT_REACH
         within: NDArray[np.bool_] = np.abs(points).max(axis=1, initial=0.0) < reach
         return within
 
     def _is_in_wide_gap(self, height: Floats) -> NDArray[np.bool_]:
-        """Which tangents of elevation lie where a laser with few returns may be.
+        """Mask of tangents of elevation at which a laser with few returns may be.
 
         These are wide gaps between two lines, and all elevations beyond the outermost lines.
         """
@@ -408,7 +408,7 @@ class SensorLattice:
         return np.asarray(wide[gap + 1])
 
     def _is_between_lines(self, points: NDArray[np.float32]) -> NDArray[np.bool_]:
-        """Which points are far from the axis, and not far above or below all lines."""
+        """Mask of points that are far from the axis, and not far above or below all lines."""
         x, y, z = points.astype(np.float64).T
         rho = np.hypot(x, y)
         order = np.argsort(self.slope)

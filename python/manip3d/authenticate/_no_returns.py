@@ -103,7 +103,7 @@ def _filled(
     lattice: SensorLattice,
     reading: LatticeReading | None,
 ) -> NDArray[np.bool_]:
-    """Which rows have the range that stands for no return: the farthest range of each laser.
+    """Mask of rows with the range that stands for no return: the farthest range of each laser.
 
     That range differs between lasers with different calibrations.
     """

@@ -411,7 +411,7 @@ def occlusion_consistency(
 
 
 def _first_echoes(scan: Scan) -> NDArray[np.bool_] | None:
-    """Which points are first echoes of pulses; None if the file does not number echoes."""
+    """Mask of first echoes of pulses; None if the file does not number echoes."""
     if scan.frame is None:
         return None
     for name in ("target_index", "return_number", "returnIndex"):

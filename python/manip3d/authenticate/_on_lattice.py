@@ -449,7 +449,7 @@ def _usable(scan: LidarFrame, beside: Beside) -> tuple[Beside, list[str], list[s
 def _lacking(
     beside: Beside, lattice: SensorLattice, left_out: LeftOut
 ) -> tuple[list[str], bool, tuple[Processing, ...]]:
-    """Why neighbouring turns may lack points, whether the rest is in place, and the processing.
+    """Reasons why neighbouring turns may lack points, whether the rest is in place, and processing.
 
     Processing of neighbours is reported because it can hide edits of the frame. It is not reported
     for the incomplete turns at the ends of a recording of packets, which nobody cropped, and for

@@ -437,7 +437,7 @@ in x equals one in y that is turned by 180 degrees."""
 
 
 def _rearranged(points: NDArray[np.float32], generic: GenericResult) -> Processing | None:
-    """How a scan was rearranged, if neither order nor steps are contradicted after undoing it."""
+    """Find the rearrangement without which order and steps of a scan match the lattice."""
     for kind, words, sign, direction in REARRANGED:
         undone = points[::direction] * np.array([1, sign, 1], np.float32)
         told = generic_consistency(

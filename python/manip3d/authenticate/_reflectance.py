@@ -595,7 +595,7 @@ def _share_off(values: NDArray[np.float64], step: float, most: int) -> float:
 
 
 def _is_off(steps: NDArray[np.float64], most: int) -> NDArray[np.bool_]:
-    """Which numbers of steps are not whole, are negative, or exceed ``most``."""
+    """Mask of numbers of steps that are not whole, are negative, or exceed ``most``."""
     return (np.abs(steps - np.round(steps)) > 1e-3) | (steps < -0.5) | (steps > most + 0.5)
 
 

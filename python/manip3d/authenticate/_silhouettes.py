@@ -402,11 +402,11 @@ def _may_be_of(
 
 
 def _filled(frames: Sequence[RgbdFrame]) -> str | None:
-    """How missing pixels were filled, which makes silhouettes sharp; None: no sign of it.
+    """Describe the sign that a filter filled missing pixels, which makes silhouettes sharp.
 
     Filters that copy depths into holes, a few pixels deep, make the pixels beside what is left of
     the holes equal. Those that fill small holes only leave no missing pixel alone. Means and
-    medians of many neighbours copy nothing: `filter_trace` recognises them.
+    medians of many neighbours copy nothing: `filter_trace` recognises them. None: no sign.
     """
     some = [frame.depth for frame in frames[:: max(1, len(frames) // _MAX_FILLED)]]
     sides = np.sum(

@@ -235,11 +235,11 @@ class _FrameLog:
     def __init__(self, timeline: AlertTimeline, view: _View) -> None:
         self.timeline = timeline
         self.error: OSError | None = None
-        """Why the timeline is incomplete, or None; the drive is still judged."""
+        """Error that left the timeline incomplete, or None; the drive is still judged."""
         self.num_blind = 0
         """Number of frames that the cameras could not judge."""
         self.why_blind = ""
-        """Why the cameras could not judge the first of these frames."""
+        """Reason why the cameras could not judge the first of these frames."""
         self._view = view
 
     def add(self, alert: Alert) -> None:

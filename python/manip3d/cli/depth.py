@@ -61,7 +61,7 @@ class DepthMethod(StrEnum):
 
 
 class Effort(StrEnum):
-    """How much work relief does."""
+    """Amount of work that relief does."""
 
     live = "live"
     fast = "fast"

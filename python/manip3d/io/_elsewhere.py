@@ -44,7 +44,7 @@ _SCANS = {
         "export it as .e57, .ptx or .las in the program of its scanner",
     ),
 }
-"""How to convert a point cloud with each of these suffixes to a format that is read."""
+"""Advice on the conversion of point clouds with these suffixes to a format that is read."""
 
 
 _ARRAY = "write its array as .npy with numpy.save"
@@ -58,7 +58,7 @@ _DEPTHS = {
     ".geometric.bin": _COLMAP,
     ".photometric.bin": _COLMAP,
 }
-"""How to convert a depth image whose name ends like this to a format that is read."""
+"""Advice on the conversion of depth images with these endings to a format that is read."""
 
 
 def mesh_advice(path: Path) -> str:

@@ -425,7 +425,7 @@ class Cs3Result(DepthSimplification):
     Attributes
     ----------
     reached : Reached
-        How the number of points was reached; it never exceeds the target.
+        Way in which the number of points was reached; it never exceeds the target.
     factor : float
         Factor on the radius Rd_max of eq. 3.8 (for non-maximum suppression, on the window s) that
         the search chose.

@@ -50,8 +50,9 @@ _NEAR = 0.01
 # near the rounding of single precision, in which the fast mode computes.
 _TINY = 1e-5
 
-# How far `sway` moves a mesh with a skin while it is simplified, as a share of its diagonal. From
-# 0.005 on, curved characters lose more in the rest pose than they gain in other poses.
+# Distance by which `sway` moves a mesh with a skin while it is simplified, as a share of its
+# diagonal. From 0.005 on, curved characters lose more in the rest pose than they gain in other
+# poses.
 _SWAY = 0.002
 
 # Meshes of several instances are shifted by multiples of this share of the scene's diagonal, so

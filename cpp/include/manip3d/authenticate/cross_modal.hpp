@@ -61,7 +61,7 @@ struct CrossModalComponent {
   std::int64_t behind = 0;
   double solid_angle = 0.0;  ///< Steradians.
   double area = 0.0;         ///< Square metres: sum over the cells, each at its own range.
-  double evidence = 0.0;     ///< As `area`, but dark empty cells count `dark_weight`.
+  double evidence = 0.0;     ///< Like `area`, but dark empty cells count `dark_weight`.
   /// Pixels of disparity: mean over the cells of CrossModalResult::difference.
   double difference = 0.0;
   /// Metres: box around the added or missing object, in axes turned by the heading.

@@ -47,7 +47,7 @@ struct GenericOptions {
   int num_threads = 0;
 };
 
-/// Why a kind of evidence was not used.
+/// Reason why a kind of evidence was not used.
 enum class Dropped : std::uint8_t {
   kNo,
   kUnknown,  ///< The lattice does not have the property.

@@ -20,7 +20,7 @@
 /// forge.
 namespace manip3d {
 
-/// How a scan carries the bits of the watermark.
+/// Embedding of the bits of the watermark in a scan.
 enum class WatermarkEmbedding : std::uint8_t {
   /// The points carry no bits and stay unchanged to the bit; the record alone binds them.
   kDetached = 0,

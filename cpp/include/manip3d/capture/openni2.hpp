@@ -21,7 +21,7 @@ namespace manip3d {
 /// @throws DeviceError  (start, read) no such device, unplugged, refused by the driver.
 std::unique_ptr<RgbdSource> open_openni2(const std::string& uri, const RgbdOptions& options);
 
-/// Why no camera can be opened now; empty: there is a camera.
+/// Reason why no camera can be opened now; empty if there is a camera.
 std::string openni2_absence();
 
 }  // namespace manip3d

@@ -19,7 +19,7 @@ namespace manip3d {
 /// losses by cause.
 using Counters = std::vector<std::pair<std::string, std::int64_t>>;
 
-/// How the frames of a recording differ from what its files hold.
+/// Differences between the frames of a recording and the content of its files.
 struct Conversions {
   /// Images that are stored mirrored, and are mirrored back when they are read.
   bool flipped_depth = false, flipped_color = false;

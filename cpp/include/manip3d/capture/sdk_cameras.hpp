@@ -15,7 +15,8 @@ namespace manip3d {
 /// distortion and not mirrored.
 /// @throws DeviceError  (start, read) no such device, unplugged, refused by the library.
 std::unique_ptr<RgbdSource> open_freenect2(const std::string& location, const RgbdOptions& options);
-std::string freenect2_absence();  ///< Why no camera can be opened now; empty: there is a camera.
+/// Reason why no camera can be opened now; empty if there is a camera.
+std::string freenect2_absence();
 
 /// Opens `realsense:[SERIAL][?width=848&height=480&rate=30]` or `realsense:FILE.bag`, with
 /// librealsense2 2.53 or later. From a recording, all frame sets that the library matches are read

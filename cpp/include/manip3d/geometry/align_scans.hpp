@@ -13,7 +13,7 @@ namespace manip3d {
 struct ScanMotion {
   Eigen::Matrix3d rotation = Eigen::Matrix3d::Identity();
   Eigen::Vector3d translation = Eigen::Vector3d::Zero();  ///< Metres.
-  // How well the scans match, set by align(). Not used in a motion to start from.
+  // Quality of the match, set by align(). It is not used in a motion to start from.
   double residual = 0.0;   ///< Metres: median distance of the paired points from their planes.
   std::int64_t pairs = 0;  ///< Points of the source with a plane of the target near them.
   std::int64_t tried = 0;  ///< Points of the source that were tested: one per voxel.

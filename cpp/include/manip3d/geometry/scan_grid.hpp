@@ -16,8 +16,8 @@ struct ScanGrid {
   double azimuth_phase = 0.0;    ///< Radians: the centre of some column.
   double elevation_phase = 0.0;  ///< Radians: the centre of some row.
 
-  /// How sharply the angles of the scan lie on the grid: autocorrelation of their histogram at the
-  /// step, 0 to 1; 0 if the step was estimated from the density of points.
+  /// Sharpness of the grid: autocorrelation of the histogram of angles at the step, 0 to 1; 0 if
+  /// the step was estimated from the density of points.
   double azimuth_strength = 0.0;
   double elevation_strength = 0.0;
 

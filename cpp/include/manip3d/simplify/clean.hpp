@@ -5,8 +5,7 @@
 
 namespace manip3d {
 
-/// Which duplicates among faces on the same three positions are removed. The first one always
-/// stays.
+/// Duplicates that are removed among faces on the same three positions. The first one always stays.
 enum class Duplicates : std::uint8_t {
   kKeep,  ///< None: duplicates are kept.
   kSame,  ///< Exact copies: same orientation, material, UVs, normals and colours.

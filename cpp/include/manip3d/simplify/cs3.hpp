@@ -34,7 +34,7 @@ struct Cs3Options {
   Cs3Reading reading;   ///< Readings other than the default are slower.
 };
 
-/// How the number of points was reached.
+/// Way in which the number of points was reached.
 enum class Cs3Reached : std::uint8_t {
   kFactor,  ///< By a factor on Rd_max (on s for kNonMaximum), to within 1 %.
   /// By cutting off at n, because no factor gives so few: points whose Rd rounds to 0 block no

@@ -20,7 +20,7 @@ struct Cs3Reading {
     kZero,      ///< 0, as computed by a program that fills invalid pixels with zeros.
     kUnknown,   ///< Unknown; the importance of the pixels around it is then the lowest.
   };
-  /// How Rd is rounded before the side 2 Rd + 1 of the blocked square is computed.
+  /// Rounding of Rd before the side 2 Rd + 1 of the blocked square is computed.
   enum class Rounding : std::uint8_t { kDown, kNearest, kUp };
 
   Stencil stencil = Stencil::kGradientOfGradient;

@@ -22,7 +22,7 @@ struct DenseRule {
   void check() const;  ///< @throws InputError  one of the first two is not > 0, or focal is < 0.
 };
 
-/// How much of a dense surface a mesh over some of its pixels covers.
+/// Share of a dense surface that a mesh over some of its pixels covers.
 struct DepthCoverage {
   /// Share of the pixels of the dense surface that lie in or on some triangle. With a limit on
   /// steps, the depth of the triangle must also differ from that of the pixel by less than the

@@ -20,7 +20,7 @@ enum class BoundaryTerm : std::uint8_t {
   kCurvature,  ///< Planes weighted by W_b and the boundary's curvature (QEM4VR, eq. 2.6).
 };
 
-/// How the curvature of a boundary curve at a vertex is measured (eq. 2.5).
+/// Measure of the curvature of a boundary curve at a vertex (eq. 2.5).
 enum class BoundaryCurvature : std::uint8_t {
   kTurning,  ///< |r' x r''| / (2 |r'|^2): dimensionless, independent of the file's unit.
   kPaper,    ///< |r' x r''| / |r'|^3 of the mesh scaled to a unit diagonal.

@@ -13,8 +13,8 @@
 
 namespace manip3d {
 
-/// How much time a relief may take. Each effort is slower and nearer to the surface than the one
-/// before, except that kLive is about as near as kFast.
+/// Limit of the time that a relief takes. Each effort is slower and nearer to the surface than the
+/// one before, except that kLive is about as near as kFast.
 enum class ReliefEffort : std::uint8_t { kLive, kFast, kBalanced, kFine, kBest };
 
 struct ReliefOptions {
@@ -39,7 +39,7 @@ struct ReliefOptions {
   int num_threads = 0;  ///< 0: all cores.
 };
 
-/// How the number of vertices was reached.
+/// Reason why the relief has its number of vertices.
 enum class ReliefStop : std::uint8_t {
   kTarget,     ///< The mesh was reduced to the target.
   kAllPoints,  ///< The surface has at most target_points points.

@@ -1,4 +1,4 @@
-// Which frame of a sequence is shown when: at the rate of its camera, over and over.
+// Player of a sequence of frames: it repeats them at the rate of their camera.
 
 export class Film {
   /**
