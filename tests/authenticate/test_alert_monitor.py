@@ -1,4 +1,4 @@
-"""One verdict per frame: who is asked, what is skipped, and what follows from it."""
+"""The alert monitor: the witnesses that it asks, the frames that it skips, and its verdicts."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ PICTURE = np.zeros((20, 192), np.uint8)  # as small as a pair may be
 
 
 class Clock:
-    """Stands still until somebody works."""
+    """A clock that advances only when a witness works."""
 
     def __init__(self) -> None:
         self.now = 0.0
@@ -59,7 +59,7 @@ class Clock:
 
 @pytest.fixture
 def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
-    """Cameras take 80 ms and forensics 200 ms."""
+    """Let cameras take 80 ms and forensics 200 ms on a clock of the test."""
     made = Clock()
 
     def compare(*_: Any, **__: Any) -> Any:
@@ -80,7 +80,7 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
 
 
 def asked(monitor: AlertMonitor, frames: int) -> dict[str, list[int]]:
-    """Frames in which each witness spoke."""
+    """Return the numbers of the frames in which each witness spoke."""
     spoke: dict[str, list[int]] = {"cross-modal": [], "forensics": []}
     for number in range(frames):
         alert = monitor.judge(FRAME, left=PICTURE, right=PICTURE, speed_mps=10.0)
@@ -173,7 +173,7 @@ def drive_with_a_wall(first_forged: int = 3) -> list[DriveMoment]:
 
 
 def test_forensics_see_the_frames_that_only_the_cameras_accuse(accusing: Clock) -> None:
-    """Pictures must not make a forged drive harder to judge than one without them."""
+    """A forged drive with pictures is as easy to judge as one without them."""
     alerts: list[Alert] = []
     monitor = AlertMonitor(rig=RIG, budget_s=math.inf, clock=accusing)
     watched = watch_drive(monitor, drive_with_a_wall(), show=alerts.append)
@@ -256,7 +256,7 @@ def test_an_accused_frame_waits_for_forensics_in_the_background(
 def test_an_accusation_is_not_replaced_by_the_last_word(
     accusing: Clock, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Frame 0 is forged; frame 1, which cameras accuse, is not."""
+    """Frame 0 is forged; frame 1 is clean, although cameras accuse it."""
     go_on = threading.Event()
     judged = _alert.inspect
     monkeypatch.setattr(
@@ -658,7 +658,7 @@ def test_a_region_behind_hides_none_ahead_from_the_risk_of_forensics() -> None:
 
 
 def test_forensics_alone_accuse_no_clean_scan() -> None:
-    """On a scanner whose lattice is known; a pasted object is accused."""
+    """A clean scan on a known lattice is not accused; a scan with a pasted object is."""
     scan = lattice_scans.scan(np.random.default_rng(0))
     alert = AlertMonitor().judge(LidarFrame(scan), speed_mps=10.0)
     assert alert.verdict in ("no_trace", "undecidable")
@@ -677,7 +677,7 @@ def test_how_far_a_sector_is_from_ahead(begin: float, end: float, expected: floa
 
 
 def test_a_frame_that_was_left_out_moves_the_car_all_the_same(tmp_path: Path) -> None:
-    """The place of an attack is compared with those before it, whatever lies between."""
+    """Places of attacks are compared across frames that were left out."""
     motions = ((1.0, 0.0, 0.4), (2.0, 0.5, 0.3))
     spaces = []
     for left_out in (None, "skip", "unread"):
@@ -774,7 +774,10 @@ def test_the_page_of_a_drive_without_frames_says_so(tmp_path: Path) -> None:
 
 
 def test_a_long_drive_keeps_few_bytes_of_a_frame(tmp_path: Path) -> None:
-    """Where its record ends in the file; kept alerts took 3.3 kB, with records in memory 9 kB."""
+    """Memory grows by less than 300 bytes per frame, since alerts and records go to files.
+
+    Alerts in memory took 3.3 kB per frame, alerts and records 9 kB.
+    """
     tally, timeline = AlertTally(), AlertTimeline("drive")
     kept = []
     with KeyFile(key_file(tmp_path / "key")) as key:

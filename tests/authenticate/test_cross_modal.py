@@ -40,7 +40,7 @@ CAR = Box((12.0, 1.0, -0.9), (4.0, 1.8, 1.6))
 
 
 def ranges(origin: Floats, rays: Floats, boxes: tuple[Box, ...]) -> Floats:
-    """Distance along each ray to ground, wall or the nearest box."""
+    """Return the distance along each ray to ground, wall or the nearest box."""
     with np.errstate(divide="ignore", invalid="ignore"):
         wall = (WALL - origin[0]) / rays[:, 0]
         ground = (GROUND - origin[2]) / rays[:, 2]
@@ -55,7 +55,7 @@ def ranges(origin: Floats, rays: Floats, boxes: tuple[Box, ...]) -> Floats:
 
 
 def lidar(*boxes: Box) -> LidarFrame:
-    """64 rings, 0.18 degrees apart, the front half."""
+    """Scan the front half with 64 rings and an azimuth step of 0.18 degrees."""
     azimuth = np.radians(np.arange(-80.0, 80.0, 0.18))
     elevation = np.radians(np.linspace(-24.8, 2.0, 64))
     a, e = (grid.ravel() for grid in np.meshgrid(azimuth, elevation))
@@ -388,7 +388,7 @@ def test_a_shifted_picture_has_the_disparity_of_the_shift() -> None:
 
 
 def test_where_the_picture_is_plain_nothing_is_measured() -> None:
-    """As of the sky beside a tree, which would be given the depth of the tree."""
+    """A plain area, such as the sky beside a tree, must not get the depth of its neighbour."""
     pytest.importorskip("cv2", reason="the extra 'alert' is not installed")
     noise = np.random.default_rng(1)
     pair = []

@@ -181,7 +181,7 @@ def simulated_street() -> np.ndarray:
 
 
 def street_with(edit: Callable[[np.ndarray], np.ndarray] | None = None) -> Inspection:
-    """What is said of a street of a scanner on a lattice, and of what an attacker made of it."""
+    """Inspect a street of a scanner on a lattice, after an optional edit by an attacker."""
     points = street()
     return authenticate.inspect(
         points if edit is None else edit(points), origin=(0, 0, 0), lattice=LATTICE
@@ -221,7 +221,7 @@ def test_power_says_what_it_was_measured_of_and_what_the_turns_beside_would_add(
 
 
 def another_turn(width: float) -> np.ndarray:
-    """The first radians of the turn after the street's, which saw it anew."""
+    """Return the first radians of another turn, which saw the street anew."""
     points = scans.scan(np.random.default_rng(6))
     return points[np.mod(np.arctan2(points[:, 1], points[:, 0]), 2.0 * np.pi) < width]
 
@@ -237,7 +237,7 @@ TURNED: dict[str, tuple[tuple[int, int], ...]] = {  # column and sign of each of
 
 @pytest.mark.parametrize("name", TURNED)
 def test_scans_in_other_axes_are_named(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """They need no search for the scanner's place, which takes long and finds none."""
+    """The axes are found without the slow search for the scanner's place."""
     points = scans.scan(np.random.default_rng(5), authenticate.kitti_lattice())
     turned = np.column_stack([sign * points[:, column] for column, sign in TURNED[name]])
     monkeypatch.setattr("manip3d.authenticate._standpoint.estimate_origin", None)
@@ -258,7 +258,7 @@ def test_scans_in_other_axes_are_named(name: str, monkeypatch: pytest.MonkeyPatc
 def test_scans_in_other_units_are_named(
     unit: str, a_metre: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Their coordinates are whole numbers of many steps, which nobody has rounded them to."""
+    """Scaled coordinates are not reported as rounded, although they are whole numbers of steps."""
     points = scans.scan(np.random.default_rng(5), authenticate.kitti_lattice())
     monkeypatch.setattr("manip3d.authenticate._standpoint.estimate_origin", None)
     found = authenticate.inspect((points * a_metre).astype(np.float32))
@@ -271,7 +271,7 @@ def test_scans_in_other_units_are_named(
 
 
 def test_points_that_are_on_any_line_tell_no_unit_and_no_axes() -> None:
-    """Next to the scanner, where a thousandth of all metres lies, its lines are close together."""
+    """Metres taken for millimetres lie near the scanner, where any point is on some line."""
     random = np.random.default_rng(2)
     angle, rise = random.uniform(0.0, 2.0 * np.pi, 20_000), random.uniform(-0.4, 0.05, 20_000)
     rays = np.column_stack([np.cos(angle), np.sin(angle), np.tan(rise)])
@@ -289,7 +289,7 @@ def test_another_scale_is_no_unit() -> None:
 
 
 def test_every_region_of_the_accusing_detector_is_drawn(tmp_path: Path) -> None:
-    """Up to a bound, and the most significant first; the rest is counted."""
+    """Regions are drawn up to a bound, the most significant first; the rest is counted."""
     points = street()
     rng = np.random.default_rng(0)
     places = [(10.0 * np.cos(a), 10.0 * np.sin(a), -0.5) for a in np.linspace(0.0, 6.0, 9)]
@@ -356,7 +356,7 @@ SIXTEEN = np.arange(0, 64, 4)
 
 
 def of_sixteen(sensor: SensorLattice) -> SensorLattice:
-    """Every fourth laser of a lattice."""
+    """Return a lattice with every fourth laser of another one."""
     columns = {name: getattr(sensor, name)[SIXTEEN] for name in COLUMNS}
     return replace(sensor, **columns)
 
@@ -453,7 +453,7 @@ def of_another_unit() -> np.ndarray:
 
 
 def test_another_unit_of_a_model_has_no_power_that_was_measured_on_kittis() -> None:
-    """It was `no_trace` with the power of KITTI's unit, whose lattice is known beforehand."""
+    """The power of KITTI's unit, whose lattice is known, is not stated for another unit."""
     found = authenticate.inspect(LidarFrame(of_another_unit()))
     assert found.sensor is not None
     assert (found.sensor.name, found.sensor.is_own) == ("HDL-64E", True)
@@ -495,7 +495,7 @@ def test_a_lattice_that_one_scan_tells_accuses_no_other_of_its_drive() -> None:
 
 @functools.cache
 def on_a_street(seed: int) -> LidarFrame:
-    """A simulated turn of an HDL-64E, which takes longer than to judge it."""
+    """Return a simulated turn of an HDL-64E; it is cached because simulation is slow."""
     return simulate.hdl64e(simulate.street(rng=seed), 1.0, rng=0).frame
 
 
@@ -1374,13 +1374,13 @@ def flat_street() -> tuple[np.ndarray, Firings]:
 
 
 def lowest_of(points: np.ndarray) -> np.ndarray:
-    """Which points are within 5 cm of the lowest."""
+    """Return a mask of the points within 5 cm of the lowest one."""
     lowest: np.ndarray = points[:, 2] < points[:, 2].min() + 0.05
     return lowest
 
 
 def silent_beside(firings: Firings, rows: np.ndarray, lower: int, on: int) -> Firings:
-    """The firings as if neighbours of some points had got no return."""
+    """Return the firings with no return for the neighbours of some points."""
     answered = firings.answered.copy()
     rows = rows[firings.firing[rows] >= 0]
     columns = (firings.firing[rows] + on) % answered.shape[1]

@@ -1,4 +1,4 @@
-"""The lattice of a spinning scanner, and what breaks it."""
+"""The lattice of a spinning scanner, and edits that break it."""
 
 from __future__ import annotations
 
@@ -315,7 +315,7 @@ def test_a_lattice_file_with_impossible_numbers_is_refused(
         SensorLattice.load(tmp_path / "sensor.json")
 
 
-# What breaks it, one kind of evidence at a time.
+# Each test below breaks the lattice by one kind of evidence.
 
 
 def test_clean_scans_are_authentic() -> None:
@@ -406,7 +406,7 @@ def test_rows_that_were_shifted_round_are_in_order(clean: np.ndarray, rows: int)
 
 
 def test_clean_ranges_around_an_edit_are_no_regions_of_their_own() -> None:
-    """One range of fifteen stands between the steps in a clean scan, beside an edit as anywhere."""
+    """One range of fifteen is off the steps in a clean scan; next to an edit this means nothing."""
     rng = np.random.default_rng(1)
     points = scans.scan(rng)
     ring, count = (getattr(LATTICE.read(points), name) for name in ("ring", "count"))
@@ -453,8 +453,10 @@ def test_points_moved_along_rays_drift_off_the_lines(clean: np.ndarray, shift: f
 
 
 def off_places(points: np.ndarray) -> np.ndarray:
-    """Metres to the nearest place of each point's firing, along the axis where they are farthest
-    apart: by trying the ranges around its own."""
+    """Return the distance of each point from the nearest place of its firing, in metres.
+
+    It is the largest difference of a coordinate; the ranges around the point's own are tried.
+    """
     reading = LATTICE.read(points)
     phase = LATTICE.range_phase[reading.ring]
     steps = np.round((LATTICE.distance(points, reading.ring) - phase) / LATTICE.range_step)
@@ -471,7 +473,7 @@ def off_places(points: np.ndarray) -> np.ndarray:
 
 
 def test_a_low_bump_is_no_rounding_of_what_the_lasers_print(clean: np.ndarray) -> None:
-    """5 cm high and half a metre wide."""
+    """A forged bump 5 cm high and half a metre wide is found, despite the rounding of points."""
     assert off_places(clean).max() < 0.00051
     rows = box_of(clean, 1.0, 0.06, 0.6) & (np.hypot(clean[:, 0], clean[:, 1]) > 14.0)
     far = clean[rows].astype(np.float64)
@@ -492,7 +494,7 @@ def test_a_low_bump_is_no_rounding_of_what_the_lasers_print(clean: np.ndarray) -
 
 
 def test_points_on_the_lattice_leave_no_place(clean: np.ndarray) -> None:
-    """Whoever knows the lattice and writes whole ranges is not seen, and the test says so."""
+    """An attacker who knows the lattice and writes whole ranges leaves no trace."""
     rows = box_of(clean, 1.0, 0.06, 0.5)
     forged = clean.copy()
     forged[rows] = scans.rounded(nearer(clean, rows, 0.05))
@@ -545,7 +547,7 @@ def test_a_line_that_is_hardly_known_tells_no_place(clean: np.ndarray) -> None:
 
 @pytest.mark.parametrize("noise", [0.0002, 0.0003])
 def test_noise_below_a_millimetre_is_processing(clean: np.ndarray, noise: float) -> None:
-    """Lines, steps and the order hold; ranges are off somewhat, which accuses nobody."""
+    """Small noise moves ranges off their steps, which counts as processing and not as an edit."""
     moved = clean + np.random.default_rng(3).normal(0.0, noise, clean.shape)
     result = judged(sorted_scan(moved))
     assert result.contradicted == {"place"}
@@ -557,7 +559,7 @@ def test_five_points_apart_are_found_where_they_are_near_to_each_other(clean: np
     wall = np.flatnonzero(box_of(clean, 1.0, 0.3, 0.6) & (np.hypot(*clean.T[:2]) > 14.0))
 
     def apart(reach: float, least: float) -> np.ndarray:
-        """Five rows in reach of the wall's middle, none near another one."""
+        """Return five rows within reach of the wall's middle, none near another one."""
         middle = clean[wall[len(wall) // 2]]
         chosen: list[int] = []
         for row in wall[np.linalg.norm(clean[wall] - middle, axis=1) < reach]:
@@ -586,7 +588,7 @@ def test_five_points_apart_are_found_where_they_are_near_to_each_other(clean: np
 def test_points_strewn_over_the_scan_are_found_by_their_number(
     clean: np.ndarray, number: int, verdict: str
 ) -> None:
-    """None is near another one, as what was added at random, or left by noise in the air."""
+    """No edited point is near another one, so that only their number shows the edit."""
     random = np.random.default_rng(number)
     rows = np.sort(random.choice(np.flatnonzero(np.hypot(*clean.T[:2]) > 5.0), number, False))
     forged = clean.copy()
@@ -613,7 +615,7 @@ def test_removed_object_leaves_a_void() -> None:
     reading = LATTICE.read(clean)
     rho = np.hypot(clean[:, 0], clean[:, 1])
     angle = np.arctan2(clean[:, 1], clean[:, 0])
-    # What a car's silhouette 10 m ahead covers, 1.5 m high: 6 rings of ground behind it and more.
+    # The silhouette of a car 10 m ahead, 1.5 m high, covers at least 6 rings of ground behind it.
     silhouette = (np.abs(angle - 0.8) < 0.15) & (rho > 10.0) & (clean[:, 2] < TOP * rho)
     result = judged(clean[~silhouette])
     assert result.verdict == "tampered"
@@ -642,7 +644,7 @@ def test_a_reason_names_what_was_added_and_what_was_removed() -> None:
 
 
 def test_turn_before_tells_what_was_removed() -> None:
-    """A void beside which few lasers answer says nothing, but for the turn before."""
+    """A void beside silent lasers is weak evidence; the turn before shows what was removed."""
     sensor, before = scans.lattice(), scans.scan(np.random.default_rng(6))
     now = scans.scan(np.random.default_rng(6))
     angle = np.arctan2(now[:, 1], now[:, 0])
@@ -665,11 +667,11 @@ def test_turn_before_tells_what_was_removed() -> None:
 TOP = (scans.GROUND + 1.5) / 10.0  # slope of the ray over it
 
 
-# Frames of which this is no evidence.
+# The frames below are unusual but not edited, and must not be accused.
 
 
 def test_processed_frame_is_no_forgery(clean: np.ndarray) -> None:
-    """Motion compensation takes a whole frame off its lattice: no alarm, and it is said."""
+    """Motion compensation moves a whole frame off its lattice: the result states this, no alarm."""
     angle = np.arctan2(clean[:, 1], clean[:, 0])
     moved = clean + np.outer(angle / (2.0 * math.pi), [1.0, 0.02, 0.005])
     result = judged(moved.astype(np.float32))

@@ -1,4 +1,4 @@
-"""Where the scanner stood, from the scan alone: simulated and real scans, moved; fused ones."""
+"""`estimate_origin` finds the scanner's position in moved scans, and none in fused ones."""
 
 from __future__ import annotations
 
@@ -142,7 +142,7 @@ def test_detectors_do_not_judge_fused_positions(monkeypatch: pytest.MonkeyPatch)
     told: list[OriginEstimate] = []
 
     def once(scan: LidarFrame, **options: Any) -> OriginEstimate:
-        """Both ask for the same search, which takes longer than all else."""
+        """Search once for both detectors, because the search takes longest."""
         assert scan is frame
         if not told:
             told.append(estimate_origin(scan, **options))
@@ -157,7 +157,7 @@ def test_detectors_do_not_judge_fused_positions(monkeypatch: pytest.MonkeyPatch)
 
 @pytest.mark.parametrize("sensor", ["auto", "terrestrial"])
 def test_a_stated_origin_does_not_clear_fused_positions(sensor: str) -> None:
-    """The scanner is identified around the origin: two positions stand on no grid there."""
+    """Scans of two positions have no common grid around a stated origin."""
     found = inspect(LidarFrame(FUSED), origin=(0, 0, 0), sensor=sensor, power=False)
     assert found.verdict == "undecidable"
 
@@ -236,7 +236,8 @@ def test_inspect_says_where_the_scanner_stood(tmp_path: Path) -> None:
     assert code == 4
 
 
-# Where each stands: (0, 0, 0), as the publishers' files and MANIFEST.md say. Metres allowed.
+# Largest error of the position, metres. The publishers' files and MANIFEST.md put the scanner of
+# each scan at (0, 0, 0).
 REAL = {
     "riegl_vz400i_forest.ply.xz": 0.02,
     "pump_room_e57.ply.xz": 0.01,
@@ -274,7 +275,7 @@ def test_a_spinning_scanner_stands_on_its_lattice(realdata: RealData) -> None:
 
 
 def test_a_scanner_with_lasers_off_the_grid_stands_on_its_lattice(realdata: RealData) -> None:
-    """Five of a VLP-32C's lasers are at no whole third of a degree."""
+    """Five lasers of a VLP-32C are not at multiples of a third of a degree."""
     path = realdata("lidar/packets/reference/vlp32.pcap")
     with manip3d.capture.open(f"pcap:{path}") as source:
         frame = next(f for f in source if f.num_points > 20_000)
@@ -284,7 +285,7 @@ def test_a_scanner_with_lasers_off_the_grid_stands_on_its_lattice(realdata: Real
 
 
 def test_a_cloud_that_nobody_scanned_is_given_up_soon() -> None:
-    """Points at random above a flat floor: the search for an even position once fell for ever."""
+    """Random points above a flat floor once made the search for a position endless."""
     begin = time.process_time()
     assert estimate_origin(grid_scan(2000), threads=1).position is None
     # A guard against a search that hangs, no measurement: 1.2 s here, 15 s before.
@@ -292,7 +293,7 @@ def test_a_cloud_that_nobody_scanned_is_given_up_soon() -> None:
 
 
 def on_map(points: Points, sources: object = None, place: float = 5e6) -> LidarFrame:
-    """A scan as it is read from coordinates of a map, with the flight lines of LAS."""
+    """Return a scan as if read from map coordinates, with the flight lines of LAS."""
     to_file = np.eye(4)
     to_file[:3, 3] = place
     fields = {} if sources is None else {"point_source_id": np.asarray(sources, np.uint16)}
@@ -317,7 +318,7 @@ def test_a_map_of_several_flights_has_no_single_place() -> None:
 def test_a_scan_on_a_map_tells_where_it_was_taken(
     single: tuple[str, Points], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """No lattice is looked for around the 0 of its coordinates, which is not the scanner's."""
+    """No lattice is looked for around (0, 0, 0) of the map, where the scanner did not stand."""
     name, points = single
     looked_at: list[LidarFrame] = []
     identify = _sensors.identify_and_read
@@ -334,7 +335,7 @@ def test_a_scan_on_a_map_tells_where_it_was_taken(
 
 
 def test_the_zero_of_a_map_is_not_tried(single: tuple[str, Points]) -> None:
-    """A scan that lies around 0 has its place exactly there; a search on a map ends near it."""
+    """The position (0, 0, 0) is tried for plain scans only; on a map the search ends near it."""
     _, points = single
     assert estimate_origin(points).position == (0.0, 0.0, 0.0)
     found = estimate_origin(on_map(points)).position

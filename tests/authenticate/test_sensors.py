@@ -1,4 +1,4 @@
-"""Which scanner made a scan, told from the elevations of its points; scans made of directions."""
+"""Identification of the scanner by the elevations of points, and scans built from directions."""
 
 from __future__ import annotations
 

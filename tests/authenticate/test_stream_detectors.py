@@ -1,4 +1,4 @@
-"""Forged RGB-D streams and clean ones: who is accused, and where; the published noise measure."""
+"""Detectors accuse forged RGB-D streams in the right place, and no clean ones; noise measure."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def stream(count: int = 12, **options: Any) -> list[RgbdFrame]:
 
 
 def changed(change: Callable[[NDArray[np.uint16]], NDArray[Any]]) -> list[RgbdFrame]:
-    """A cut-out stream, each of its images changed as a whole."""
+    """Return a cut-out stream whose images are each changed as a whole."""
     frames = []
     for frame in stream(soft=False):
         depth = np.ascontiguousarray(change(frame.depth)).astype(np.uint16)
@@ -82,9 +82,9 @@ def upright(frame: RgbdFrame, turns: int = 1) -> RgbdFrame:
 
 
 def crossed(frame: RgbdFrame) -> RgbdFrame:
-    """With a table before the wall: soft in the direction of rows only, as structured light has it.
+    """Put a table before the wall, with soft silhouettes along rows only, as structured light has.
 
-    Above and below a table there is no shadow, so that it is sharp along columns.
+    Above and below the table there is no shadow, so that it is sharp along columns.
     """
     depth = frame.depth.copy()
     depth[100:160, 220:300] = np.where(depth[100:160, 220:300] > 0, 1800, 0)
@@ -235,7 +235,7 @@ def test_cut_out_silhouettes_are_found_and_located() -> None:
 
 
 def with_cupboard(frame: RgbdFrame, *, soft: bool = False) -> RgbdFrame:
-    """With a second box between the first one and the wall, with or without mixed pixels."""
+    """Put a second box between the first one and the wall, with or without mixed pixels."""
     depth = frame.depth.copy()
     part = np.s_[100:160, 220:300]
     depth[part] = np.where(depth[part] > 0, depth[part] * 0.65, 0)
@@ -267,7 +267,7 @@ def test_a_room_without_wide_shadows_is_no_proof_of_a_filter() -> None:
 
 
 def test_the_power_is_stated_of_streams_that_can_be_judged_only(tmp_path: Path) -> None:
-    """It is measured before backgrounds with wide shadows, and of time of flight."""
+    """Power was measured for running backgrounds with wide shadows, and for time of flight."""
     for frames, verdict in (
         (stream(), "no_trace"),
         (stream(soft=False), "tampered"),
@@ -285,7 +285,7 @@ def test_the_power_is_stated_of_streams_that_can_be_judged_only(tmp_path: Path) 
 
 
 def filled_from_rims(depth: NDArray[np.uint16], pixels: int) -> NDArray[np.uint16]:
-    """Missing pixels take the farthest depth of their four neighbours, as RealSense has it."""
+    """Fill missing pixels with the farthest depth of their neighbours, as RealSense can do."""
     for _ in range(pixels):
         padded = np.pad(depth, 1)
         beside = (padded[1:-1, :-2], padded[1:-1, 2:], padded[:-2, 1:-1], padded[2:, 1:-1])
@@ -294,14 +294,14 @@ def filled_from_rims(depth: NDArray[np.uint16], pixels: int) -> NDArray[np.uint1
 
 
 def filled_along_rows(depth: NDArray[np.uint16], pixels: int) -> NDArray[np.uint16]:
-    """Missing pixels take the depth on their left."""
+    """Fill missing pixels with the depth on their left."""
     for _ in range(pixels):
         depth = np.where(depth == 0, np.pad(depth, ((0, 0), (1, 0)))[:, :-1], depth)
     return depth
 
 
 def filled_but_from_the_left(depth: NDArray[np.uint16], pixels: int) -> NDArray[np.uint16]:
-    """Missing pixels take a depth from above, from below or from the right."""
+    """Fill missing pixels with a depth from above, from below or from the right."""
     for _ in range(pixels):
         padded = np.pad(depth, 1)
         beside = (padded[1:-1, 2:], padded[:-2, 1:-1], padded[2:, 1:-1])
@@ -319,7 +319,7 @@ def around(depth: NDArray[np.uint16]) -> NDArray[np.float64]:
 def filled_from_around(
     depth: NDArray[np.uint16], choose: Callable[..., NDArray[np.float64]]
 ) -> NDArray[np.uint16]:
-    """Missing pixels take the largest or the median depth around them, two pixels deep."""
+    """Fill holes two pixels deep with the largest or the median depth around them."""
     for _ in range(2):
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", RuntimeWarning)  # nothing is measured around them
@@ -329,7 +329,7 @@ def filled_from_around(
 
 
 def with_losses(depth: NDArray[np.uint16]) -> NDArray[np.uint16]:
-    """Pixels that are lost at random, three of a thousand."""
+    """Lose three pixels of a thousand, at random."""
     lost = np.random.default_rng(int(depth.sum(dtype=np.int64))).random(depth.shape) < 0.003
     return np.where(lost, np.uint16(0), depth)
 
@@ -372,7 +372,7 @@ def test_sharp_silhouettes_of_images_whose_small_holes_were_filled_are_not_accus
 
 
 def alone(depth: NDArray[np.uint16]) -> NDArray[np.bool_]:
-    """Missing pixels that have no missing neighbour above, below, on the left or on the right."""
+    """Return a mask of missing pixels whose four direct neighbours are measured."""
     missing = np.pad(depth == 0, 1)
     beside = missing[1:-1, :-2] | missing[1:-1, 2:] | missing[:-2, 1:-1] | missing[2:, 1:-1]
     return np.asarray(missing[1:-1, 1:-1] & ~beside)
@@ -410,7 +410,7 @@ def test_a_clean_recording_whose_holes_were_filled_a_few_pixels_deep_is_not_accu
 def test_the_first_frames_of_a_recording_whose_holes_were_filled_are_not_accused(
     fill: Callable[[NDArray[np.uint16]], NDArray[np.uint16]], realdata: RealData
 ) -> None:
-    """They were, because one side of the gaps had no copies, or lost pixels had none beside them.
+    """A filter is recognised by gaps with copies on one side, and by lost pixels without copies.
 
     No limit was chosen on this recording.
     """
@@ -430,7 +430,7 @@ def from_window(
     *,
     holes: bool = False,
 ) -> NDArray[np.uint16]:
-    """All pixels, or missing ones only, take a statistic of the depths measured around them."""
+    """Replace all or only missing pixels by a statistic of the depths measured around them."""
     padded = np.pad(depth.astype(np.float64), side // 2)
     padded[padded == 0] = np.nan
     windows = np.lib.stride_tricks.sliding_window_view(padded, (side, side))
@@ -641,7 +641,7 @@ def test_a_rendering_of_time_of_flight_with_noise_and_missing_pixels_is_undecida
 
 
 def with_hands(frame: RgbdFrame) -> RgbdFrame:
-    """With hands beside the box and nearer, which are no objects of their own."""
+    """Add hands beside the box and nearer; they are not objects of their own."""
     depth = frame.depth.copy()
     for part in (np.s_[100:130, 80:86], np.s_[100:130, 240:246]):
         depth[part] = np.where(depth[part] > 0, 1000, 0)
@@ -726,7 +726,7 @@ def test_a_still_background_is_found_and_the_rest_is_located() -> None:
 
 
 def skipped_blocks(frames: list[RgbdFrame], threshold: float = 15.0) -> list[RgbdFrame]:
-    """As codecs do: blocks of 16 pixels that hardly change are those of the frame before."""
+    """Repeat blocks of 16 pixels that hardly change, as codecs do."""
     coded = [frames[0].depth]
     for frame in frames[1:]:
         depth = frame.depth.copy()
@@ -741,7 +741,7 @@ def skipped_blocks(frames: list[RgbdFrame], threshold: float = 15.0) -> list[Rgb
 
 
 def held_pixels(frames: list[RgbdFrame], threshold: int = 60) -> list[RgbdFrame]:
-    """As a filter over time: pixels that hardly change keep their value."""
+    """Keep the depth of pixels that hardly change, as temporal filters do."""
     held = [frames[0].depth]
     for frame in frames[1:]:
         is_new = (frame.depth > 0) & (np.abs(frame.depth.astype(int) - held[-1]) >= threshold)
@@ -802,7 +802,7 @@ def passing(number: int, box: slice) -> RgbdFrame:
 
 
 def kept_pixels(frames: list[RgbdFrame], least: int, last: int) -> list[RgbdFrame]:
-    """Missing pixels keep their depth where so many of the last frames had one."""
+    """Keep the depth of missing pixels if at least ``least`` of the ``last`` frames had one."""
     kept = [frames[0].depth]
     for number, frame in enumerate(frames[1:], 1):
         before = [other.depth > 0 for other in frames[max(0, number - last) : number]]
@@ -829,7 +829,7 @@ def test_missing_pixels_that_keep_their_depth_are_not_accused(least: int, last: 
 
 @pytest.mark.parametrize("times", [2, 99])
 def test_a_picture_that_is_shown_again_is_no_filter(times: int) -> None:
-    """Half the rate of the background behind it, and one picture for all of it."""
+    """A person pasted at half the frame rate, or as one still image, is accused."""
     shown = [sensed(number // times, soft=False).depth[INSIDE] for number in range(12)]
     frames = stream(relief=False)
     for frame, picture in zip(frames, shown, strict=True):
@@ -998,7 +998,7 @@ def test_rendered_images_and_images_without_silhouettes_are_undecidable() -> Non
 
 
 def direct(depth: NDArray[np.uint16], region: int, sigma: float) -> NDArray[np.float64]:
-    """The measure by its definition."""
+    """Compute the measure directly from its definition."""
     taps = np.exp(-0.5 * (np.arange(-2, 3) / sigma) ** 2)
     kernel = np.outer(taps, taps) / taps.sum() ** 2
     padded = np.pad(depth.astype(float), 2, mode="symmetric")

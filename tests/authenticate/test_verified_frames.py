@@ -33,7 +33,7 @@ def state(tmp_path: Path) -> Path:
 
 
 def signed(key: KeyFile, count: int, *, ends: bool = False) -> list[Watermarked]:
-    """Frames of one session; of one session each, where each is its end."""
+    """Return signed frames of one session, or with ``ends`` each as the end of its own session."""
     marker = Watermarker(key)
     frames = [LidarFrame(grid_scan(1200, seed)) for seed in range(count)]
     if ends:
@@ -46,7 +46,7 @@ def orders(verifier: Watermarker, sent: list[Watermarked]) -> list[str]:
 
 
 def in_a_child(run: Callable[[], object]) -> int:
-    """What `os.waitpid` says of a process that ran this; 0: without an error."""
+    """Run a function in a child process; return the status of `os.waitpid`, 0 without an error."""
     child = os.fork()
     if child == 0:
         code = 1
