@@ -1,4 +1,4 @@
-"""A person of capsules for tests: joints of a pose, and what a depth camera sees of it, exactly."""
+"""A person of capsules for tests: the joints of a pose, and its exact depth image."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def pose(
     identity: int = 1,
     body: int = 0,
 ) -> Skeleton:
-    """The standing person, some joints moved (same axes), turned about the vertical, at a place.
+    """Return a standing person with some joints moved, turned about the vertical, at a place.
 
     It faces the camera, so that its left is at the camera's +x.
     """
@@ -73,7 +73,7 @@ def pose(
 
 
 def bones(skeleton: Skeleton) -> list[tuple[int, NDArray[np.float64], NDArray[np.float64], float]]:
-    """Number, ends and radius of each capsule; those without an end are left out."""
+    """Return number, ends and radius of each capsule whose two joints are known."""
     found = []
     for bone in range(25):
         parent = PARENTS[bone]
@@ -88,7 +88,7 @@ def bones(skeleton: Skeleton) -> list[tuple[int, NDArray[np.float64], NDArray[np
 def hit_depth(
     rays: NDArray[np.float64], a: NDArray[np.float64], b: NDArray[np.float64], radius: float
 ) -> NDArray[np.float64]:
-    """Depth at which each ray (x, y, 1) first meets a capsule; infinite where it does not."""
+    """Return the depth at which each ray (x, y, 1) first meets a capsule; infinite if it misses."""
     axis = b - a
     length2 = axis @ axis
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -124,7 +124,7 @@ def pixel_rays(camera: Intrinsics) -> NDArray[np.float64]:
 
 
 def _box(camera: Intrinsics, ends: NDArray[np.float64], radius: float) -> tuple[slice, slice]:
-    """Pixels that a capsule can be seen in."""
+    """Return a box of pixels that contains the image of a capsule."""
     if (ends[:, 2] <= 2 * radius).any():
         return np.s_[:, :]
     centre = ends[:, :2] / ends[:, 2:] * (camera.fx, camera.fy) + (camera.cx, camera.cy)
@@ -137,7 +137,7 @@ def _box(camera: Intrinsics, ends: NDArray[np.float64], radius: float) -> tuple[
 def render(
     skeleton: Skeleton, camera: Intrinsics, *, without: tuple[int, ...] = ()
 ) -> tuple[NDArray[np.float64], NDArray[np.uint8]]:
-    """Depth in metres (0: nothing) and the true bone of each pixel (0: none)."""
+    """Return the depth in metres (0: nothing) and the true bone (0: none) of each pixel."""
     joints = skeleton.positions.tobytes(), skeleton.states.tobytes()
     depth, label = _rendered(*joints, camera, without)
     return depth.copy(), label.copy()
@@ -169,7 +169,7 @@ def _rendered(
 def surface_distance(
     points: NDArray[np.float64], skeleton: Skeleton, only: tuple[int, ...] | None = None
 ) -> NDArray[np.float64]:
-    """Distance of points to the surface of the union of all capsules, or of some."""
+    """Return the distance of points to the surface of the union of all or some capsules."""
     best = np.full(len(points), np.inf)
     for bone, a, b, radius in bones(skeleton):
         if only is not None and bone not in only:
@@ -188,7 +188,7 @@ def frame(
     number: int = 0,
     people: tuple[Skeleton, ...] | None = None,
 ) -> RgbdFrame:
-    """What the camera delivers, 30 times a second: depth in millimetres, body index, skeleton."""
+    """Return a frame of a camera at 30 Hz: depth in millimetres, body index and skeleton."""
     depth, _ = render(skeleton, camera, without=without)
     index = np.where(depth > 0, skeleton.body, 255).astype(np.uint8)
     return RgbdFrame(
@@ -202,15 +202,16 @@ def frame(
 
 
 def jittered(skeleton: Skeleton, rng: np.random.Generator, sigma: float) -> Skeleton:
-    """The same pose with noise in every coordinate."""
+    """Return the same pose with noise in every coordinate."""
     noise = rng.normal(0, sigma, (25, 3))
     return replace(skeleton, positions=skeleton.positions + noise)
 
 
 def painted(number: int, *, hidden: bool = False) -> RgbdFrame:
-    """A frame from sums and products alone, so that every machine makes the same: bones as squares.
+    """Return a frame that is bit-identical on every machine, with bones painted as squares.
 
-    Hidden: the pixels of the left arm and the right leg are nobody's.
+    Only sums and products are used, which round alike everywhere. If ``hidden``, the pixels of the
+    left arm and the right leg belong to nobody.
     """
     stands = pose(at=(0.01 * number, 0.0, 2.44))  # not turned: no rounding that differs
     shift = np.arange(75).reshape(25, 3) * 7 % 11 * 0.002

@@ -20,7 +20,7 @@ READ_AT_START = re.compile(
 )
 """Variables that Python and libraries read when they are loaded."""
 LONGEST_S = 300.0
-"""How long a command may take."""
+"""Limit of the time of a command."""
 
 
 def manip3d(
@@ -28,8 +28,8 @@ def manip3d(
 ) -> subprocess.CompletedProcess[str]:
     """Run the command in a process of its own.
 
-    It is forked from one that has imported all modules, which most commands take longer for than
-    for their work.
+    It is forked from a process that has imported all modules, because most commands take longer
+    to import them than to work.
     """
     words = list(map(str, arguments))
     whole = dict(os.environ) | environment
@@ -132,7 +132,7 @@ def _write(descriptor: int, content: bytes) -> None:
 
 
 def error_line(done: subprocess.CompletedProcess[str]) -> str:
-    """The one line that a failed command leaves on stderr."""
+    """Return the single line that a failed command leaves on stderr."""
     assert done.returncode == 1, done
     words = [str(word) for word in done.args]
     if "--json" in words:

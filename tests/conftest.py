@@ -24,9 +24,9 @@ settings.load_profile("ci")  # --hypothesis-profile=nightly chooses the other
 # A shell that starts the tests in the background ignores Ctrl-C on behalf of all that they start.
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
-# What may be skipped where CI=true, since everything else is installed there: real data that are
-# absent, extras that cannot stand beside the others (pyproject.toml), makers' SDKs, and what the
-# machine does not allow.
+# Reasons for which a test may be skipped with CI=true: absent real data, extras that cannot be
+# installed beside the others (pyproject.toml), makers' SDKs, and limits of the machine. All else
+# is installed there.
 MAY_BE_SKIPPED = re.compile(
     r"^(Skipped: )?MANIP3D_DATA |the extra '(ouster|pose)' is not installed|"
     r"\(peers\)|librealsense2 is absent|no maker's SDK is built in|strace may not trace here|"
@@ -34,7 +34,7 @@ MAY_BE_SKIPPED = re.compile(
 )
 
 NAMES_REAL_DATA = re.compile(r"\breal(data|_mesh)\b")
-"""What ``.ci/run`` looks for, so that it need not load the files without tests of real data."""
+"""Pattern by which ``.ci/run`` selects files with tests of real data without loading them."""
 
 GOLDEN = Path(__file__).parent / "golden" / "golden.json"
 
@@ -49,11 +49,10 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 @pytest.hookimpl(tryfirst=True)  # before -m chooses among the marks
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Tests that ask for real data are marked ``realdata``, those of a browser ``browser``.
+    """Mark tests that ask for real data ``realdata``, and those of a browser ``browser``.
 
-    Those of real data are skipped where there is none.
-
-    Files with slow tests come first: several workers then end at the same time.
+    Tests of real data are skipped without MANIP3D_DATA. Files with slow tests come first, so that
+    several workers end at about the same time.
     """
     slow = {item.path for item in items if item.get_closest_marker("slow")}
     items.sort(key=lambda item: item.path not in slow)
@@ -70,14 +69,14 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 def pytest_collection_finish() -> None:
-    """Thousands of tests stay to the end: collections of garbage need not look through them."""
+    """Exempt the collected tests, which stay to the end, from garbage collection."""
     gc.collect()
     gc.freeze()
 
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
-    """Tests without the mark see no real data: they hold on a machine that has none."""
+    """Hide real data from tests without the mark, which must pass on a machine without data."""
     with pytest.MonkeyPatch.context() as patch:
         if not item.get_closest_marker("realdata"):
             patch.delenv("MANIP3D_DATA", raising=False)
@@ -132,7 +131,7 @@ def pytest_runtest_makereport() -> Generator[None, pytest.TestReport, pytest.Tes
 
 
 def _fail_if_skipped_in_ci(report: pytest.TestReport | pytest.CollectReport) -> None:
-    """With CI=true a test that is skipped for any reason but those above has failed."""
+    """Fail a test that is skipped with CI=true for a reason that `MAY_BE_SKIPPED` lacks."""
     if os.environ.get("CI") != "true" or not isinstance(report.longrepr, tuple):
         return
     path, line, reason = report.longrepr

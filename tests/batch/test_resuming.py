@@ -1,4 +1,4 @@
-"""What an earlier run has stored is used again only where nothing that it was made from changed."""
+"""A stored result of an earlier run is used again only if all of its inputs are unchanged."""
 
 from __future__ import annotations
 
@@ -45,13 +45,13 @@ def texts(tmp_path: Path) -> Path:
 
 
 def made_again(folder: Path, **options: Any) -> int:
-    """How many of the files are not taken from an earlier run."""
+    """Run the batch; return the number of files whose result is not from an earlier run."""
     summary = batch.run(upper, folder, table=folder.parent / "t.csv", jobs=1, **options)
     return len(summary.rows) - summary.resumed
 
 
 def rewrite(path: Path, content: bytes) -> None:
-    """Other content of the same size, with the time of modification set back."""
+    """Replace the content by another of the same size, and set the time of modification back."""
     times = path.stat()
     assert times.st_size == len(content)
     time.sleep(0.02)  # a tick of the clock that file systems use
@@ -578,7 +578,7 @@ def test_rows_of_other_verbs_or_reports_are_made_again(
 
 
 def _write_inputs() -> None:
-    """Two sources of each kind, and all that they and the options name."""
+    """Write two sources of each kind, and all files that they and the options name."""
     for drive in ("d0", "d1"):
         for name in ("velodyne/0.bin", "velodyne/0.bin.wm", "image_02/0.png"):
             Path(drive, name).parent.mkdir(parents=True, exist_ok=True)
@@ -596,7 +596,7 @@ def _write_inputs() -> None:
 
 
 def _keys_of(verb: str, words: tuple[str, ...], monkeypatch: pytest.MonkeyPatch) -> list[str]:
-    """The keys of the tasks of a command, none of which is run."""
+    """Return the keys of the tasks of a command without running them."""
     found: dict[str, str] = {}
 
     def not_run(tasks: Mapping[str, Any], *rest: Any, **options: Any) -> Finished:

@@ -1,4 +1,4 @@
-"""How tasks are handed out: a window of them, again where they were lost."""
+"""`run_tasks` hands out a window of tasks at a time, and repeats those that were lost."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ def level_of_log() -> int:
 
 
 def test_workers_log_as_much_as_their_parent() -> None:
-    """With -q, workers printed the warnings that their parent did not."""
+    """Workers take the log level of their parent, so that -q also silences their warnings."""
     logger = logging.getLogger("manip3d")
     before = logger.level
     try:

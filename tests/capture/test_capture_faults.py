@@ -1,4 +1,4 @@
-"""What goes wrong while people record and replay, through `capture.open` and `capture.record`."""
+"""Faults during recording and replay, through `capture.open` and `capture.record`."""
 
 from __future__ import annotations
 
@@ -285,7 +285,7 @@ def test_a_source_that_ended_or_was_stopped_lets_others_record(kind: str, tmp_pa
 
 @pytest.mark.parametrize("kind", ["folder", "mkv", "tum"])
 def test_an_earlier_recording_stays_until_a_frame_replaces_it(kind: str, tmp_path: Path) -> None:
-    """Whoever waits for an event in vain, or stops waiting, still has what there was."""
+    """A recording that ends before its first frame leaves the earlier recording in place."""
     place = f"{kind}:{tmp_path / ('walk.mkv' if kind == 'mkv' else 'walk')}"
 
     def stopped(frame: object) -> bool:
@@ -311,7 +311,7 @@ def test_an_earlier_recording_stays_until_a_frame_replaces_it(kind: str, tmp_pat
 def test_a_source_without_frames_replaces_no_recording(
     kind: str, is_new: bool, tmp_path: Path
 ) -> None:
-    """A closed one is a mistake; an iterator that has ended gives an empty recording."""
+    """A closed source is an error; an iterator that has ended gives an empty recording."""
     frames = list(rgbd_frames.frames(3, color=kind != "tum"))
     name = "walk.mkv" if kind == "mkv" else "walk"
     place = f"{kind}:{tmp_path / name}"

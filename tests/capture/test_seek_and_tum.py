@@ -106,7 +106,7 @@ def test_a_recording_in_real_time_begins_anew(tmp_path: Path, name: str) -> None
 
 
 def test_an_unfinished_file_has_no_length_but_frames(tmp_path: Path) -> None:
-    """What a killed recorder leaves has no index of packets."""
+    """Frames are found by their index in a killed recorder's file, which has no index of packets."""
     path = tmp_path / "cut.mkv"
     frames = recorded(path)
     whole = path.read_bytes()
@@ -173,7 +173,7 @@ def test_an_index_while_another_thread_stops(
     assert open_indexed is not None
 
     class Stopped:
-        """Another thread stops the source while this one is read."""
+        """A source that is stopped, as if by another thread, while a frame is read."""
 
         def __init__(self) -> None:
             self.inner = open_indexed()
@@ -197,7 +197,7 @@ def test_sequences_have_an_index_and_iterators_have_none() -> None:
     assert [frame.number for frame in source] == [4, 6]
 
     class Made:
-        """Begins anew, but has neither length nor index."""
+        """An iterable that can be iterated again, but has neither length nor index."""
 
         def __iter__(self) -> Any:
             return iter(frames)
@@ -246,7 +246,7 @@ def test_a_tum_sequence_is_what_was_recorded(tmp_path: Path) -> None:
 
 
 def test_other_programs_read_a_tum_sequence(tmp_path: Path) -> None:
-    """By the benchmark's own rules, with nothing of this library."""
+    """A reader written by the benchmark's rules, without this library, gets the recorded frames."""
     frames = list(rgbd_frames.frames(3))
     done = capture.record(frames, f"tum:{tmp_path / 'walk'}")
     root = tmp_path / "walk"
@@ -293,7 +293,7 @@ def test_a_tum_sequence_without_colour_and_a_second_one_in_its_place(tmp_path: P
 
 
 def test_a_tum_sequence_that_is_torn_has_its_whole_frames(tmp_path: Path) -> None:
-    """A killed writer, or an interrupted copy, leaves a part of a line."""
+    """A part of a line, left by a killed writer or an interrupted copy, is ignored."""
     folder = tmp_path / "walk"
     frames = [replace(f, depth=np.minimum(f.depth, 13106)) for f in rgbd_frames.frames(3)]
     capture.record(frames, f"tum:{folder}")
@@ -325,7 +325,7 @@ def test_a_tum_sequence_that_is_torn_has_its_whole_frames(tmp_path: Path) -> Non
 
 
 def test_a_colour_image_belongs_to_one_depth_image(tmp_path: Path) -> None:
-    """Depth at 60 and colour at 30 frames a second."""
+    """With depth at 60 Hz and colour at 30 Hz, every second depth image has no colour."""
     folder = tmp_path / "walk"
     step = 1_000_000_000 // 60
     frames = [
@@ -359,7 +359,7 @@ def renamed_images(folder: Path, kind: str, times_us: list[int]) -> list[str]:
 @pytest.mark.parametrize("unit", [1, 1000, 5000])  # of the times; coarse ones have equal costs
 @pytest.mark.parametrize("seed", range(4))
 def test_meshes_have_the_colours_of_the_frames(unit: int, seed: int, tmp_path: Path) -> None:
-    """Both pair the images of a TUM sequence by one rule."""
+    """Meshes and frames pair the images of a TUM sequence by the same rule."""
     rng, folder = np.random.default_rng(seed), tmp_path / "walk"
     recorded(f"tum:{folder}")
     steps = rng.integers(5_000 // unit, 35_000 // unit, (2, 12)) * unit

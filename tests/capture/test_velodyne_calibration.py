@@ -1,4 +1,4 @@
-"""The HDL-64E's calibration: db.xml and YAML, and what hostile ones say."""
+"""The HDL-64E's calibration in db.xml and YAML, and the errors for hostile files."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ yaml = pytest.importorskip("yaml")
 
 
 def db_xml(c: VelodyneCalibration) -> str:
-    """As Velodyne ships it: degrees and centimetres, rotations to be subtracted."""
+    """Return a db.xml as Velodyne ships it: degrees and centimetres, rotations to be subtracted."""
     items = ""
     for i in range(len(c.elevation)):
         values = {

@@ -66,7 +66,7 @@ def test_errors_name_the_option(
 
 
 def test_help_loads_nothing_heavy() -> None:
-    """What --help costs is what it imports (benchmarks/bench_startup.py prints the time)."""
+    """--help is quick because it imports no heavy module (bench_startup.py prints the time)."""
     program = """\
 import sys
 from manip3d.cli import main
@@ -198,7 +198,7 @@ def test_doctor_reports_state_and_cure(tmp_path: Path) -> None:
     ],
 )
 def test_a_wrong_data_folder_is_named(name: str, message: str, tmp_path: Path) -> None:
-    """Simulated data would otherwise stand in for those that somebody meant."""
+    """A wrong MANIP3D_DATA is an error; simulated data do not silently replace real ones."""
     (tmp_path / "file").touch()
     (tmp_path / "empty").mkdir()
     here = {"MANIP3D_DATA": str(tmp_path / name), "MANIP3D_CACHE": str(tmp_path / "cache")}
@@ -238,7 +238,7 @@ def test_color_and_control_codes_stay_out_of_pipes(as_json: bool) -> None:
 
 @pytest.fixture
 def torus(tmp_path: Path) -> Path:
-    """A closed textured surface of 1 152 faces."""
+    """Write a closed textured surface of 1 152 faces."""
     n, m = 36, 16
     i, j = np.meshgrid(np.arange(n), np.arange(m), indexing="ij")
     a, b = 2 * np.pi * i / n, 2 * np.pi * j / m
@@ -497,7 +497,7 @@ def test_a_missed_target_is_exit_4_under_strict(tmp_path: Path) -> None:
 
 
 def test_quiet_leaves_out_warnings_but_no_errors(tmp_path: Path) -> None:
-    """Warnings of readers and writers go through the log, those of several files in workers."""
+    """-q silences warnings of readers and writers, in this process and in workers."""
     for name in ("a.obj", "b.obj"):
         text = "mtllib gone.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 1\nf 1 2 3\nf 2 4 3\n"
         (tmp_path / name).write_text(text)
@@ -783,7 +783,7 @@ def test_a_url_is_a_source_and_an_output(torus: Path, tmp_path: Path) -> None:
     ],
 )
 def test_ctrl_c_during_the_imports_leaves_no_traceback(during: str, raised: str) -> None:
-    """A compiled module that is interrupted raises an ImportError."""
+    """An interrupted import of a compiled module raises an ImportError, which must not be shown."""
     code = f"""
 import sys
 class Interrupting:
@@ -816,7 +816,7 @@ def test_a_library_that_does_not_fit_into_memory_is_no_bug(
 def test_what_asks_the_demo_to_end_ends_it_like_ctrl_c(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Its worker processes are ended, too, and leave no semaphores behind."""
+    """The demo's worker processes end, too, and leave no semaphores behind."""
 
     def ended(*arguments: object, **options: object) -> None:
         os.kill(os.getpid(), signal.SIGTERM)
@@ -866,7 +866,7 @@ def test_warnings_are_lines_without_places_in_the_code(tmp_path: Path) -> None:
 @pytest.mark.parametrize("more", [("--jobs", "1"), ("--jobs", "2"), ("--jobs", "2", "--quiet"),
                                   ("--dask", "local")])  # fmt: skip
 def test_warnings_of_the_library_are_in_the_rows(more: tuple[str, ...], tmp_path: Path) -> None:
-    """Each process printed them once, and no row told of them."""
+    """Each row states its warnings; on stderr a warning is printed once for all files."""
     if "--dask" in more:
         pytest.importorskip("distributed")
     images = tmp_path / "images"
@@ -886,6 +886,6 @@ def test_warnings_of_the_library_are_in_the_rows(more: tuple[str, ...], tmp_path
 
 
 def test_an_empty_name_is_no_folder(tmp_path: Path) -> None:
-    """It comes of a variable of a script that is not set."""
+    """An empty source, as from an unset variable of a script, is an error."""
     line = error_line(manip3d("simplify", "", "--ratio", "0.5", "-o", tmp_path / "out"))
     assert line.endswith("source: expected a file, a folder or an address, got ''")

@@ -62,7 +62,7 @@ def test_a_key_is_a_trigger(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_a_recording_begins_with_the_seconds_before_a_signal(tmp_path: Path) -> None:
-    """A person who stands for a minute; 0.2 s are six frames, where so many came before."""
+    """Up to six frames, 0.2 s at 30 Hz, are kept from before the signal."""
     words = ["record", "sim:body?frames=1800&color=none", "-o", str(tmp_path / "a"), "--json"]
     words += ["--trigger", "SIGUSR1", "--before", "0.2", "--frames", "3"]
     program = subprocess.Popen(
@@ -171,7 +171,7 @@ def test_an_output_with_its_kind_is_checked_like_one_without(
 
 
 def test_a_recording_cannot_go_to_stdout() -> None:
-    """It became a folder of the name "-"."""
+    """``-o -`` is refused; it once made a folder with the name "-"."""
     with pytest.raises(InputError, match="-o -: expected a folder or a file"):
         check_recording_output(Path("-"), force=False)
 
@@ -182,7 +182,7 @@ def test_a_tum_sequence_of_the_frames_from_one_on(walk: Path, tmp_path: Path) ->
     done = manip3d(*words, "--json")
     assert done.returncode == 0, done.stderr
     assert json.loads(done.stdout)["frames"] == 2
-    # Who needs the joints must know that they are not in the copy.
+    # The copy has no joints, which its users must know.
     assert "skeletons of 2 frames left out: a TUM sequence has no place for them" in done.stderr
     assert "pixels left out: beyond 13.106 m" in done.stderr
     refused = manip3d(*words)

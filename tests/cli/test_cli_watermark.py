@@ -117,7 +117,7 @@ def test_a_shorter_drive_in_the_place_of_a_longer_one_is_whole(
 
 
 def test_a_drive_that_nobody_signed_is_not_replaced(key: Path, drive: Path, tmp_path: Path) -> None:
-    """Its scans may be the only ones; records tell those that were written before."""
+    """Scans without records are not replaced, since no other copy of them may exist."""
     other = tmp_path / "other"
     frame_of(other, 0).parent.mkdir(parents=True)
     for number in (0, 7):
@@ -157,7 +157,7 @@ def test_a_scan(key: Path, tmp_path: Path, embedding: str) -> None:
 def test_what_is_signed_is_signed_again_only_when_asked(
     key: Path, drive: Path, tmp_path: Path
 ) -> None:
-    """It was signed anew without a word, which moved its points twice."""
+    """A signed scan is refused without --again, since signing it anew moves its points twice."""
     signed, again = tmp_path / "signed", tmp_path / "again"
     assert run("embed", drive, "--key", key, "-o", signed, "-q").exit_code == 0
     done = run("embed", signed, "--key", key, "-o", again, "-q")
@@ -235,7 +235,7 @@ def test_what_a_format_does_not_give_back_is_not_written(key: Path, tmp_path: Pa
 
 
 def test_a_scan_whose_signing_fails_keeps_the_record_that_it_had(key: Path, tmp_path: Path) -> None:
-    """As on a full disk: the record could not be written, and the old scan was gone already."""
+    """If the new record cannot be written, the old scan and its record both stay."""
     out = tmp_path / "signed.bin"
     with manip3d.authenticate.KeyFile(key) as secret:
         first, second = (
@@ -267,7 +267,7 @@ def test_a_drive(key: Path, signed: Path, tmp_path: Path) -> None:
 
 
 def test_a_signed_drive_is_a_drive(key: Path, drive: Path, tmp_path: Path) -> None:
-    """Whatever is beside the scans comes along, with the calibration of the day."""
+    """Embedding copies the other files of the drive, and the calibration files of its day."""
     beside = ("oxts/data/0000000000.txt", "image_02/data/0000000000.png", "rigs.json",
               "tracklet_labels.xml", "velodyne_points/labels/a.label")  # fmt: skip
     for number, name in enumerate(beside):
@@ -294,7 +294,7 @@ def test_a_signed_drive_is_a_drive(key: Path, drive: Path, tmp_path: Path) -> No
 
 
 def test_records_bear_the_times_of_the_drive(key: Path, drive: Path, tmp_path: Path) -> None:
-    """By the scans' names: of KITTI's drive 0009 four scans are missing."""
+    """Times are matched to scans by name, since scans may be missing as in KITTI's drive 0009."""
     frame_of(drive, 1).unlink()
 
     def times_of(source: Path, name: str) -> list[int]:
@@ -424,7 +424,7 @@ def test_a_scan_that_was_compressed_since_finds_its_record(
 
 
 def test_what_a_folder_hides_is_undecidable(key: Path, tmp_path: Path) -> None:
-    """A scan that became a mesh, and a record whose scan was taken away."""
+    """A signed scan that was turned into a mesh or taken away makes its folder undecidable."""
     folder = tmp_path / "signed"
     folder.mkdir()
     for number, name in enumerate(("a.ply", "b.bin", "c.bin")):
@@ -582,7 +582,10 @@ def test_wrong_sources(key: Path, tmp_path: Path) -> None:
 
 
 def test_a_drive_of_a_key_that_was_replaced(drive: Path, tmp_path: Path) -> None:
-    """Also by a folder of keys; ``alert run`` takes the same."""
+    """A replaced key verifies what it signed before its replacement only.
+
+    Keys are given one by one or as a folder of keys, also to ``alert run``.
+    """
     (drive / "velodyne_points" / "timestamps.txt").unlink()  # the records bear the clock's time
     ring = tmp_path / "ring"
     ring.mkdir()
@@ -607,7 +610,7 @@ def test_a_drive_of_a_key_that_was_replaced(drive: Path, tmp_path: Path) -> None
 
 
 def test_several_drives_are_told_in_a_line_each(key: Path, signed: Path, tmp_path: Path) -> None:
-    """Each frame had thirteen columns of its own."""
+    """Several drives are printed as a row each, without columns for single frames."""
     for name in ("a", "b"):
         shutil.copytree(signed, tmp_path / "all" / name)
     done = run("verify", tmp_path / "all", "--key", key)
@@ -652,7 +655,7 @@ def test_stdin_has_no_record(key: Path) -> None:
 
 @pytest.fixture
 def full_disk(monkeypatch: pytest.MonkeyPatch) -> dict[str, int]:
-    """A disk that takes as many scans as ``left`` says, and then no more."""
+    """Simulate a disk that takes as many scans as ``left`` says, and no more."""
     disk = {"left": 2}
     write = _watermark_drives.write_watermarked
 
@@ -669,7 +672,7 @@ def full_disk(monkeypatch: pytest.MonkeyPatch) -> dict[str, int]:
 def test_a_drive_is_written_by_one_program_at_a_time(
     key: Path, drive: Path, tmp_path: Path
 ) -> None:
-    """Two sessions in one folder would be a drive that nobody can verify."""
+    """A second writer is refused, since nobody could verify two sessions in one folder."""
     from manip3d._util.locks import new_folder_locked
 
     signed = tmp_path / "signed"

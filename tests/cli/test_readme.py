@@ -1,4 +1,4 @@
-"""What README and ``--help`` show is what works: every line of them is run here."""
+"""Every example line of README and ``--help`` runs without an error."""
 
 from __future__ import annotations
 
@@ -41,10 +41,10 @@ SHORTER = (
     (r"(forge people .*)--frames 3", r"\1--frames 1 --scenes 1 --jobs 1"),  # no process of its own
     (r"^MANIP3D_DATA=\S+ ", ""),
 )
-"""What is shorter here than in the text."""
+"""Replacements that make the lines of the text quicker to run."""
 
 NOT_RUN = ("demo", "data get", "forge alert-set")
-"""Demo and set have tests of their own, and no test uses the network: these are parsed, not run."""
+"""Commands that are only parsed: two have tests of their own, and no test uses the network."""
 
 EXIT_CODES = {
     "inspect scan.bin": 3,
@@ -57,19 +57,19 @@ EXIT_CODES = {
 
 
 def blocks(language: str) -> list[str]:
-    """The code blocks of README in a language."""
+    """Return the code blocks of README in a language."""
     return re.findall(rf"^```{language}\n(.*?)^```", README, re.DOTALL | re.MULTILINE)
 
 
 def readme_lines() -> list[str]:
-    """The lines of README's shell blocks."""
+    """Return the lines of README's shell blocks."""
     return [line for block in blocks("sh") for line in block.splitlines() if line.strip()]
 
 
 def commands(
     command: click.Command | None = None, path: tuple[str, ...] = ()
 ) -> Iterator[tuple[tuple[str, ...], click.Command]]:
-    """Every command with its words, such as ``("capture", "record")``."""
+    """Return every command by its words, such as ``("capture", "record")``."""
     parts = command.commands if command else {verb: load(verb) for verb in _VERBS}
     for name, part in parts.items():
         if hasattr(part, "commands"):
@@ -79,7 +79,7 @@ def commands(
 
 
 def examples(command: click.Command) -> list[str]:
-    """The example lines of a command's help."""
+    """Return the example lines of a command's help."""
     text = " ".join((command.callback.__doc__ or "").split()) if command.callback else ""
     return re.findall(r"Example: (manip3d .*?)(?= Example: |$)", text)
 
@@ -89,7 +89,7 @@ HELP_LINES = [line for _, command in commands() for line in examples(command)]
 
 @pytest.fixture(scope="module")
 def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with small files of the names that README and the examples use."""
+    """Return a folder with small files under the names that README and the examples use."""
     folder = tmp_path_factory.mktemp("readme")
     (folder / "meshes").mkdir()  # what a data folder has
     vertices, faces = sphere(24, 48)
@@ -112,7 +112,7 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def sphere(rows: int, columns: int) -> tuple[np.ndarray, np.ndarray]:
-    """A closed surface with rows of quadrilaterals between two poles."""
+    """Return a closed surface with rows of quadrilaterals between two poles."""
     polar, around = np.meshgrid(
         np.linspace(0, np.pi, rows + 1)[1:-1], np.arange(columns) * 2 * np.pi / columns,
         indexing="ij",
@@ -135,14 +135,14 @@ def sphere(rows: int, columns: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def depth_image() -> np.ndarray:
-    """A bump before a wall, in the Kinect V2's size."""
+    """Return a depth image of a bump before a wall, in the Kinect V2's size."""
     v, u = np.mgrid[:424, :512]
     bump = np.hypot(u - 256, v - 212) < 120
     return np.where(bump, 1500 + 0.2 * np.abs(u - 256), 3000 + 0.3 * v).astype(np.uint16)
 
 
 def write_cloud(path: Path, depth: np.ndarray) -> None:
-    """The image as an organised cloud."""
+    """Write the image as an organised cloud."""
     v, u = np.mgrid[: depth.shape[0], : depth.shape[1]]
     points = np.stack([(u - 256) * depth / 365, (v - 212) * depth / 365, depth], -1)
     header = "FIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\n"
@@ -152,14 +152,14 @@ def write_cloud(path: Path, depth: np.ndarray) -> None:
 
 
 def shortened(line: str) -> list[str]:
-    """The words of a line behind ``manip3d``, with less work."""
+    """Return the words after ``manip3d`` of a line, with options that take less time."""
     for pattern, replacement in SHORTER:
         line = re.sub(pattern, replacement, line)
     return shlex.split(line, comments=True)[1:]
 
 
 def check(line: str, place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Run a line, or parse it where it is not to be run."""
+    """Run a line, or only parse it if it is in `NOT_RUN`."""
     monkeypatch.chdir(place)
     monkeypatch.setenv("MANIP3D_DATA", str(place))
     monkeypatch.delenv("DISPLAY", raising=False)
@@ -254,7 +254,7 @@ def make_sources(words: list[str], place: Path) -> None:
 
 
 def make_diary(words: list[str], place: Path) -> None:
-    """The study of README's own line that enrols somebody, and no key or questionnaire."""
+    """Make the diary with README's line that enrols a participant, without key or questionnaire."""
     for name in ("study.diary", "study.key", "form.json", "mcgill.json"):
         (place / name).unlink(missing_ok=True)
     if words[:2] == ["diary", "enrol"]:
@@ -265,7 +265,7 @@ def make_diary(words: list[str], place: Path) -> None:
 
 
 def make_study(words: list[str], place: Path) -> None:
-    """A small definition of the kind that a line needs, its stimuli, and answers."""
+    """Write a small study of the kind that a line needs, its stimuli and answers."""
     from manip3d.study import StudyFolder, read_study, simulate_participants, write_template
 
     shutil.rmtree(place / "answers", ignore_errors=True)
@@ -296,7 +296,7 @@ def make_study(words: list[str], place: Path) -> None:
 
 
 def make_watermark(words: list[str], place: Path) -> None:
-    """A drive, a key, and what they make."""
+    """Write a drive, a key and the files that are made from them."""
     (place / "sensor.key").unlink(missing_ok=True)
     if words[1] == "keygen":
         return
@@ -401,7 +401,7 @@ GROUPS = [verb for verb in _VERBS if hasattr(load(verb), "commands")]
 
 @pytest.mark.parametrize("words", [[], *([group] for group in GROUPS)])
 def test_the_list_of_commands_is_not_cut(words: list[str]) -> None:
-    """In a terminal of 80 columns, of which Click uses 78."""
+    """Summaries of commands fit into a terminal of 80 columns, of which Click uses 78."""
     done = CliRunner().invoke(app, [*words, "--help"], terminal_width=78)
     assert done.exit_code == 0
     assert "..." not in done.output.partition("Commands:")[2]
@@ -453,9 +453,9 @@ Run = Callable[[list[str], Path], tuple[int, str]]
 
 @pytest.fixture(scope="module")
 def run_without_extras() -> Iterator[Run]:
-    """Runs a command as it is with no optional package installed: exit code, standard error.
+    """Run commands as if no optional package were installed; give exit code and standard error.
 
-    One process for all of them, which a process for each would spend on its start.
+    All commands share one process, because most of their time would go into starting it.
     """
     modules = sorted({module for modules in EXTRAS.values() for module in modules})
     program = WITHOUT_EXTRAS.format(modules=modules)
