@@ -106,7 +106,7 @@ def test_a_recording_in_real_time_begins_anew(tmp_path: Path, name: str) -> None
 
 
 def test_an_unfinished_file_has_no_length_but_frames(tmp_path: Path) -> None:
-    """Frames are found by their index in a killed recorder's file, which has no index of packets."""
+    """The file of a killed recorder has no index of packets, but its frames are found by index."""
     path = tmp_path / "cut.mkv"
     frames = recorded(path)
     whole = path.read_bytes()

@@ -18,7 +18,7 @@ PAIRS = ("Shoulder", "Elbow", "Hip", "Knee")
 
 
 def on_body(frame: manip3d.RgbdFrame, joints: list[int]) -> np.ndarray:
-    """Which of a skeleton's joints project onto its person."""
+    """Return a mask of the joints that project onto their person."""
     camera = frame.calibration.depth
     u, v = np.rint(camera.project(frame.skeletons[0].positions[joints])).astype(int).T
     inside = (u >= 0) & (u < camera.width) & (v >= 0) & (v < camera.height)
@@ -59,7 +59,7 @@ class TestRealData:
     pytestmark = pytest.mark.realdata
 
     def test_utd_mhad_s_joints_lie_on_the_person(self) -> None:
-        """The share that the data's own description gives for torso, arms and knees."""
+        """Joints of torso, arms and knees lie on the person as often as the data set states."""
         pairs = [f"{part}{side}" for part in PAIRS for side in ("Left", "Right")]
         names = ["SpineBase", "SpineMid", "SpineShoulder", "Head", *pairs]
         joints = [rgbd.JOINTS.index(name) for name in names]
@@ -124,7 +124,7 @@ ARMS, LEGS = ("left_arm", "right_arm"), ("left_leg", "right_leg")
 
 
 def phantom_states(uri: str, limbs: tuple[Limb, ...] = (*ARMS, *LEGS)) -> dict[str, int]:
-    """How often each state came, over some limbs; every mesh is sound."""
+    """Count the states of the phantoms of some limbs, and check every mesh."""
     frames = list(datasets.open_people(uri))
     states: dict[str, int] = {}
     for limb in limbs:
@@ -142,8 +142,8 @@ def phantom_states(uri: str, limbs: tuple[Limb, ...] = (*ARMS, *LEGS)) -> dict[s
 class TestPhantoms:
     pytestmark = pytest.mark.realdata
 
-    # Who sits has the knees before the trunk: its plane, off by a few degrees, puts the phantom leg
-    # beside the leg that was taken out, and the gate says that too much of it shows nothing.
+    # A seated person has the knees far before the trunk. If the plane of the trunk is off by a few
+    # degrees, the phantom leg lies beside the leg that was taken out, and the state is "degraded".
     @pytest.mark.parametrize(
         ("name", "limbs", "least"),
         [

@@ -2,7 +2,7 @@
 
 Usage: ``python kill_loop.py FOLDER KILLS SEED [KEY]``. Each round a child writes games and prints
 the seed of each one when `add_game` has returned; it is killed at a random moment. Then the file
-must be whole and hold all that was printed. Prints how many kills and games there were.
+must be whole and hold all that was printed. Prints the numbers of kills and games.
 """
 
 from __future__ import annotations
@@ -39,7 +39,10 @@ def write_for_ever(path: Path, key: Path | None, first: int, out: int) -> None:
 def killed_child(
     path: Path, key: Path | None, first: int, seconds: float | None = None
 ) -> list[int]:
-    """What a child acknowledged before its end, which comes with the first game if not in time."""
+    """Kill a child that writes games; return the games that it acknowledged.
+
+    It is killed after so many seconds, or as soon as it acknowledges its first game.
+    """
     told, out = os.pipe()
     child = os.fork()
     if child == 0:

@@ -1,4 +1,4 @@
-"""The diary's file: what is written is read again; of those who were deleted nothing remains."""
+"""The diary's file returns what was written, and keeps nothing of deleted participants."""
 
 from __future__ import annotations
 
@@ -42,12 +42,12 @@ def game(minutes: float = 5, name: str = "piano", **changes: Any) -> DiaryGame:
 
 
 def jpeg(text: str, size: int = 400) -> bytes:
-    """Something that is stored as an image."""
+    """Return bytes that the diary stores as an image."""
     return b"\xff\xd8" + (f"picture of {text} " * size)[:size].encode()
 
 
 def fill(diary: Diary, name: str = "P01") -> int:
-    """One of everything."""
+    """Enrol a participant with one record of each kind."""
     diary.enrol(name, limb="left_leg", clips=True, at=START)
     session = diary.start_session(name, at=START)
     diary.add_rating(name, 4, session=session, at=START)
@@ -120,7 +120,7 @@ def test_pain_that_rises_by_two_stops_and_is_an_adverse_event(diary: Diary) -> N
 
 
 def test_a_rating_during_the_first_game_is_not_the_one_before_it(diary: Diary) -> None:
-    """Neither is one after a touch cue: nothing is over yet, but the play has begun."""
+    """A rating after the start of play, also of a touch cue, does not count as pain before play."""
     diary.enrol("P01")
     session = diary.start_session("P01", at=START)
     diary.add_rating("P01", 3, session=session, at=START)
@@ -153,7 +153,7 @@ def test_a_stop_holds_for_its_day(diary: Diary) -> None:
 
 
 def test_pain_that_rises_before_any_play_stops_too(diary: Diary) -> None:
-    """What is said anew within half a minute corrects the first rating; later the pain rose."""
+    """A rating within half a minute of the first one corrects it; a later one is a rise of pain."""
     diary.enrol("P01")
     for seconds, told in ((29, ""), (31, "The pain rose from 3 to 6.")):
         session = diary.start_session("P01", at=START)
@@ -232,7 +232,7 @@ def test_refusals(diary: Diary) -> None:
 
 
 def test_a_diary_that_was_closed_refuses(tmp_path: Path) -> None:
-    """It opened the file again, silently."""
+    """A closed diary raises an error; it does not open its file again silently."""
     with Diary(tmp_path / "closed.diary", create=True) as diary:
         diary.enrol("P01", clips=True)
     diary.close()
@@ -267,7 +267,7 @@ def test_a_name_is_always_one_of_a_file(
 
 @pytest.fixture
 def local_zone(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """This machine is in a zone six hours behind UTC."""
+    """Put this machine into a time zone six hours behind UTC."""
     monkeypatch.setenv("TZ", "XST6")
     time.tzset()
     yield
@@ -277,7 +277,7 @@ def local_zone(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 
 @pytest.mark.usefixtures("local_zone")
 def test_a_stop_of_another_time_zone_holds_for_the_day_here(diary: Diary) -> None:
-    """In Tokyo it is the third of March already, here the second."""
+    """A time of the third of March in Tokyo is on the second here, and the stop holds that day."""
     diary.enrol("P01")
     tokyo = datetime(2026, 3, 3, 1, 0, tzinfo=timezone(timedelta(hours=9)))
     diary.add_event("P01", "sickness", at=tokyo)
@@ -411,7 +411,7 @@ def test_an_audit_without_rows_is_no_lost_one(diary: Diary) -> None:
 
 
 def test_the_chain_of_an_encrypted_audit_cannot_be_made_anew(tmp_path: Path) -> None:
-    """Its key does not stand in the file as it is, nor is it the same for two diaries."""
+    """The key of the audit's chain is not stored in clear, and differs between two diaries."""
     make_key(tmp_path / "a.key")
     keys = set()
     for name in ("one", "two"):
@@ -471,7 +471,7 @@ def test_an_encrypted_diary_says_nothing_without_its_key(tmp_path: Path) -> None
 
 
 def test_a_payload_cannot_be_put_elsewhere(tmp_path: Path) -> None:
-    """Who can write the file but has no key cannot give one participant's game to another."""
+    """Without the key, nobody can move a game from one participant to another in the file."""
     make_key(tmp_path / "a.key")
     path = tmp_path / "study.diary"
     with Diary(path, key=tmp_path / "a.key", create=True) as diary:
@@ -497,7 +497,7 @@ def files_beside(path: Path) -> bytes:
 
 
 def payloads(path: Path) -> list[bytes]:
-    """All blobs of the file, as they stand there, without the last hash of the audit."""
+    """Return all blobs of the file as stored, except the last hash of the audit."""
     found: list[bytes] = []
     with contextlib.closing(sqlite3.connect(path)) as raw:
         for (name,) in raw.execute(
@@ -509,7 +509,7 @@ def payloads(path: Path) -> list[bytes]:
 
 
 def remains(blob: bytes, files: bytes) -> bool:
-    """Whether a part of it does; a large one lies in pieces."""
+    """Whether any part of a blob remains in the files; SQLite stores large blobs in pieces."""
     pieces = [blob[at : at + 64] for at in range(0, len(blob) - 63, 64)] or [blob]
     return any(piece in files for piece in pieces)
 
@@ -657,7 +657,7 @@ def test_a_file_that_cannot_be_written_anew_is_an_error_of_ours(diary: Diary) ->
 
 @pytest.mark.parametrize("version", range(1, schema.VERSION))
 def test_an_older_file_becomes_one_of_today(tmp_path: Path, key: Path | None, version: int) -> None:
-    """Made by the statements of that version, filled through its tables alone."""
+    """A file with the tables of an older version is migrated to those of a new file."""
     path = tmp_path / "old.diary"
     with Diary(path, key=key, create=True) as today:
         today.enrol("P01", at=START)
@@ -706,7 +706,7 @@ def test_an_older_file_becomes_one_of_today(tmp_path: Path, key: Path | None, ve
 
 
 def test_a_wrong_key_changes_nothing_in_an_older_file(tmp_path: Path) -> None:
-    """The study's name would be written with it."""
+    """A wrong key is refused before the migration, which would write the study's name with it."""
     make_key(tmp_path / "a.key")
     make_key(tmp_path / "b.key")
     path = tmp_path / "old.diary"
@@ -743,7 +743,7 @@ def test_a_study_without_its_name_is_damaged(tmp_path: Path) -> None:
 
 
 def put_back_old_audit(raw: sqlite3.Connection) -> None:
-    """Before version 7 the audit had no hashes; the rows stand in no order."""
+    """Put back an audit as before version 7: without hashes, and with rows in any order."""
     (whose,) = raw.execute("SELECT id FROM participants").fetchone()
     raw.execute("DROP TABLE audit")
     raw.execute(schema.MIGRATIONS[0][-1])
@@ -810,7 +810,7 @@ def test_files_that_are_none(tmp_path: Path) -> None:
 def test_an_empty_file_is_not_taken_for_a_new_diary(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, has_links: bool
 ) -> None:
-    """An empty file may stand in the place of a diary that was moved."""
+    """An empty file is refused, because it may stand in the place of a diary that was moved."""
 
     def refuse(*_: object) -> None:
         raise PermissionError(errno.EPERM, "no hard links here")
@@ -848,7 +848,7 @@ def test_a_diary_that_is_moved_away_is_asked_for_and_not_replaced(tmp_path: Path
 def test_the_place_of_a_diary_is_told_after_a_change_of_directory(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The relative path led to another folder."""
+    """After a change of directory, the relative path of a diary still means its own file."""
     monkeypatch.chdir(tmp_path)
     with Diary("study.diary", create=True) as diary:
         diary.enrol("P01")
@@ -917,7 +917,7 @@ def test_adherence_counts_whole_sessions_up_to_two_a_day() -> None:
 
 @pytest.mark.usefixtures("local_zone")
 def test_a_session_counts_on_the_day_on_which_its_games_were_played() -> None:
-    """A page that was opened late in the evening, and played after midnight."""
+    """Games after midnight count on their own day, although the session began before."""
     evening, night = START.replace(hour=23, minute=50), START.replace(hour=0) + timedelta(days=1)
     stopped = game(at=evening, ending="stopped")
     session = DiarySession(1, evening, None, (stopped, *(game(at=night),) * 3), ())

@@ -1,4 +1,4 @@
-"""Chapter 4's experiments: each runs, its measures see what is wrong, its figures are drawn."""
+"""Chapter 4's experiments run, measure known errors rightly, and draw their figures."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ def test_a_few_frames_of_the_table() -> None:
 
 
 def held(rows: list[Row]) -> list[bool | None]:
-    """What the claims of table 4.1 say; the last one only reports."""
+    """Return the verdicts of the claims of table 4.1; the last claim only reports a number."""
     return [claim.verdict(rows).holds for claim in table_4_1.EXPERIMENT.claims]
 
 

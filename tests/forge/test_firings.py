@@ -1,4 +1,4 @@
-"""White-box attacks: firings of the scanner see something else, exactly on its lattice."""
+"""White-box attacks change ranges of the scanner's own firings, exactly on its lattice."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ BOX = Box((12.0, 3.0, -0.9), (6.0, 2.0, 1.2))
 
 
 def pillar() -> np.ndarray:
-    """What the scanner sees of a pillar 6 m ahead, one count in two."""
+    """Return the points of a pillar 6 m ahead, at every second encoder count."""
     ring, count = (a.ravel() for a in np.meshgrid(np.arange(20, 40), np.arange(0, 60, 2)))
     return scans.rounded(scans.beam_points(LATTICE, ring, count, np.full(len(ring), 6.0)))
 
@@ -39,7 +39,7 @@ def center_azimuth(points: np.ndarray) -> float:
 
 
 def check_truth(forged: Forgery) -> None:
-    """Untouched points keep bits and order; moved ones are named with the rows that they were."""
+    """Check that untouched points keep bits and order, and that moved ones name their old rows."""
     assert forged.added.size == forged.removed.size == 0
     assert forged.frame.intensity is not None
     source = forged.source_index
@@ -53,7 +53,7 @@ def check_truth(forged: Forgery) -> None:
 
 
 def check_lattice(forged: Forgery) -> None:
-    """Every rewritten point answers the firing that it answered before, on line, step and range."""
+    """Check that rewritten points keep their firing and lie on line, step and range."""
     was = LATTICE.read(STREET[forged.moved_from])
     now = LATTICE.read(forged.points[forged.moved])
     np.testing.assert_array_equal(now.ring, was.ring)
@@ -191,7 +191,7 @@ def test_a_box_with_nothing_beside_it_is_refused() -> None:
 
 
 def test_the_noise_of_ranges_is_that_of_single_shots() -> None:
-    """Along a wall, whose slope and offset the differences of second order do not see."""
+    """The estimate is right on a wall, as second differences cancel its slope and offset."""
     random = np.random.default_rng(0)
     place = np.arange(20_000)
     seen = 10.0 + 0.003 * place + 0.02 * random.standard_normal(len(place))

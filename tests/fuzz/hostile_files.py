@@ -79,14 +79,14 @@ def corpus(folder: str, suffix: str, most: int = 12) -> list[Files]:
 
 
 def written(write: Callable[[Path], object], name: str) -> Files:
-    """What ``write`` leaves under that name."""
+    """Return the files that ``write`` leaves if it is given this name."""
     with tempfile.TemporaryDirectory() as folder:
         write(Path(folder) / name)
         return {p.name: p.read_bytes() for p in sorted(Path(folder).iterdir())}
 
 
 def folder_of(write: Callable[[Path], object]) -> Files:
-    """All files below a folder that ``write`` fills."""
+    """Return all files below a folder that ``write`` fills."""
     with tempfile.TemporaryDirectory() as folder:
         write(Path(folder) / "x")
         root = Path(folder)
@@ -211,7 +211,7 @@ THREE_MF = """<?xml version="1.0" encoding="UTF-8"?>
 
 
 def read_three_mf(folder: Path, name: str) -> None:
-    """Damage to the model of an archive: of damage to the archive its checksums tell."""
+    """Read an archive with a damaged model, as checksums would reveal a damaged archive."""
     content = io.BytesIO()
     with zipfile.ZipFile(content, "w") as archive:
         archive.writestr("3D/3dmodel.model", (folder / name).read_bytes())
@@ -219,7 +219,7 @@ def read_three_mf(folder: Path, name: str) -> None:
 
 
 def clouds() -> list[Files]:
-    """Organised clouds in a camera's axes and in others, with and without colours."""
+    """Return organised clouds in a camera's axes and in others, with and without colours."""
     v, u = np.mgrid[:6, :8]
     z = 2.0 + 0.1 * np.sin(u) + 0.2 * (v > 2)
     points = np.stack([(u - 3.5) * z / 7, (v - 2.5) * z / 7, z], axis=-1)
@@ -328,7 +328,7 @@ def tum_folder() -> list[Files]:
 
 
 def joint_files() -> list[Files]:
-    """Joints of a person in each frame of a small recording."""
+    """Return joints of a person in each frame of a small recording."""
     import json
 
     folder = recordings("")[0]
@@ -441,7 +441,7 @@ Frame Time: 0.0333333
 
 @cache
 def signed() -> tuple[bytes, authenticate.Watermarked, bytes, bytes]:
-    """A key file, a scan with its record, the picture that carries it, and a verifier's state."""
+    """Return a key file, a scan with its record, a picture that carries it, and a state."""
     sys.path.insert(0, str(TESTS))
     from watermark_scans import grid_scan, key_file
 
@@ -581,7 +581,7 @@ def verify_picture(folder: Path, name: str) -> None:
 
 
 def go_on(folder: Path, name: str) -> None:
-    """What the state says was seen stays seen, whatever is damaged behind its checkpoint."""
+    """Verify a frame that the state lists as seen: damage after its checkpoint must not hide it."""
     key, sent, _, _ = signed()
     with (
         key_of(folder, key) as opened,
@@ -726,7 +726,7 @@ _WORDS = [
 
 
 def damage(data: bytes, rng: np.random.Generator) -> bytes:
-    """One to four hurts: numbers of a header, words of a text, bytes, length."""
+    """Damage data in one to four places: header numbers, words of a text, bytes or length."""
     changed = bytearray(data)
     for _ in range(int(rng.integers(1, 5))):
         hurt = _HURTS[int(rng.integers(len(_HURTS)))]
@@ -735,7 +735,7 @@ def damage(data: bytes, rng: np.random.Generator) -> bytes:
 
 
 def _place(data: bytearray, rng: np.random.Generator) -> int:
-    """Headers more often than the rest."""
+    """Choose a random place, more often in the header than in the rest."""
     reach = len(data) if rng.random() < 0.4 else min(len(data), 400)
     return int(rng.integers(max(1, reach)))
 
@@ -805,7 +805,7 @@ def examples_of(kind: str) -> list[Files]:
 
 
 def run_case(kind: str, seed: int, folder: Path) -> str:
-    """Read one damaged input; returns what is wrong with how that ended, or ``""``."""
+    """Read one damaged input; return a description of the fault of the reader, or ``""``."""
     rng = np.random.default_rng([seed, len(kind), sum(kind.encode())])
     shutil.rmtree(folder, ignore_errors=True)
     example = dict(examples_of(kind)[int(rng.integers(len(examples_of(kind))))])
@@ -864,7 +864,7 @@ def lay_out(example: Files, folder: Path) -> None:
 
 
 def run(kind: str, first: int, count: int) -> Iterator[tuple[int, str]]:
-    """Findings as (seed, what), from a process of its own that is begun again when it dies."""
+    """Yield findings as (seed, fault) from a worker process, which is restarted when it dies."""
     context = multiprocessing.get_context("fork")
     last = first + count
     while first < last:
@@ -895,7 +895,7 @@ def run(kind: str, first: int, count: int) -> Iterator[tuple[int, str]]:
 
 
 def main() -> int:
-    """Run cases of one kind or of all; exit code 1 when something was found."""
+    """Run cases of one kind or of all; return exit code 1 if there are findings."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawTextHelpFormatter
     )

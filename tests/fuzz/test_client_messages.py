@@ -1,4 +1,4 @@
-"""What pages send to the live session, damaged: a message of ours or a FormatError, never else."""
+"""Damaged messages of a page give a valid message or a FormatError, and no other error."""
 
 from __future__ import annotations
 

@@ -53,5 +53,5 @@ def test_damaged_files_end_in_errors_of_ours(first: int) -> None:
 
 
 def can_be_read(kind: str) -> bool:
-    """Whether its packages are here; where one is not, the first test is skipped: not in CI."""
+    """Whether the packages of a kind are installed; if not, the first test fails in CI."""
     return all(importlib.util.find_spec(module) for module in hostile_files.NEEDS.get(kind, ()))

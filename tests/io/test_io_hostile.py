@@ -22,7 +22,7 @@ FACE = "property list uint int vertex_indices\n"
 
 
 def long_polygon(shape: str, corners: int) -> bytes:
-    """An OBJ with one polygon: a spiral and a comb have many reflex corners, a line only those."""
+    """Return an OBJ with one polygon that is hard to triangulate, as few corners are convex."""
     t = np.arange(corners)
     if shape == "comb":
         points = np.column_stack([t, 1000.0 * (t % 2), 0 * t])
@@ -37,7 +37,7 @@ def long_polygon(shape: str, corners: int) -> bytes:
 
 
 Content = bytes | Callable[[], bytes]
-"""What a file holds, or what makes that where it takes long: every worker imports this module."""
+"""Bytes of a file, or a function that makes them if this takes long, as workers import this."""
 
 
 def laid_out(example: tuple[str, Content], folder: Path) -> Path:

@@ -1,4 +1,4 @@
-"""What is written opens in trimesh, Open3D and VTK, with everything that they can hold."""
+"""Written files open in trimesh, Open3D and VTK, with all attributes that these support."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ PARTLY_TEXTURED = Mesh(
 
 
 def vtk_surface(path: Path) -> Any:
-    """What VTK reads, as one vtkPolyData."""
+    """Read a file with VTK; return one vtkPolyData."""
     vtk = pytest.importorskip("vtk")
     readers = {
         ".obj": "vtkOBJReader",
@@ -127,13 +127,16 @@ def test_no_flag_where_all_faces_have_texture_coordinates(tmp_path: Path) -> Non
 
 
 def linear(color: np.ndarray) -> np.ndarray:
-    """IEC 61966-2-1: sRGB bytes as linear light."""
+    """Convert sRGB bytes to linear light [IEC 61966-2-1]."""
     y = color / 255.0
     return np.where(y <= 0.04045, y / 12.92, ((y + 0.055) / 1.055) ** 2.4)
 
 
 def test_vertex_colors_of_a_glb_are_right_elsewhere(tmp_path: Path) -> None:
-    """Linear light, as glTF wants it: 16 bits came out modulo 256 in trimesh."""
+    """Colours are stored as linear light, as glTF requires, and not in 16 bits.
+
+    trimesh reads 16 bits modulo 256.
+    """
     trimesh = pytest.importorskip("trimesh")
     open3d = pytest.importorskip("open3d")
     colors = np.array([[0, 0, 0], [10, 60, 128], [128, 200, 255], [255, 255, 255]], np.uint8)
@@ -246,7 +249,7 @@ def test_a_converted_image_keeps_its_alpha(tmp_path: Path) -> None:
 
 @pytest.mark.realdata
 def test_the_wild_files_open_elsewhere(realdata: RealData, tmp_path: Path) -> None:
-    """The panel's PLY (faces with and without UVs) and the motorbike's GLB (TGA images)."""
+    """A PLY with faces with and without UVs and a GLB with TGA images open in other programs."""
     trimesh = pytest.importorskip("trimesh")
     panel = manip3d.read_mesh(realdata("meshes/wild/panel/panel.obj.xz"))
     panel.write(tmp_path / "panel.ply")

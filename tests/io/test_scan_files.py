@@ -1,4 +1,4 @@
-"""Scans to files and back; what damaged files say."""
+"""Scans are written to files and read back; damaged files are errors that name the damage."""
 
 from __future__ import annotations
 
@@ -489,7 +489,7 @@ def test_missing_packages_of_recordings(tmp_path: Path, monkeypatch: pytest.Monk
 
 
 def test_nuscenes_has_five_columns(tmp_path: Path) -> None:
-    """Four columns would read every number at a wrong place, without an error."""
+    """Five columns are recognised; reading four would silently misplace every number."""
     rows = np.random.default_rng(0).normal(size=(40, 5)).astype(np.float32)
     rows[:, 4] = np.arange(40) % 32
     path = tmp_path / "LIDAR_TOP.pcd.bin"
@@ -518,7 +518,7 @@ COLUMNS = ("x", "y", "z", "intensity", "column_5", "column_6", "column_7")
 
 
 def rows_of_a_turn(columns: int, num_points: int) -> np.ndarray:
-    """Rows of a scanner of 32 lasers in a yard: x, y, z, intensity, ring, time, azimuth."""
+    """Return rows of a scan by 32 lasers: x, y, z, intensity, ring, time, azimuth."""
     rng = np.random.default_rng(columns)
     firing, ring = np.divmod(np.arange(num_points), 32)
     azimuth = firing * (2.0 * np.pi * 32 / num_points)
@@ -662,7 +662,7 @@ def test_rows_of_the_file_are_known_where_points_were_dropped(tmp_path: Path) ->
 
 
 def pcd_of(path: Path, names: str, rows: np.ndarray) -> Path:
-    """A binary PCD of float32 columns."""
+    """Write a binary PCD of float32 columns."""
     count = len(names.split())
     header = (
         f"VERSION 0.7\nFIELDS {names}\nSIZE {'4 ' * count}\nTYPE {'F ' * count}\n"
@@ -684,7 +684,7 @@ def test_points_at_infinity_are_not_measured(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("shine", [0.0, 0.5])
 def test_points_without_a_return_are_no_other_layout(shine: float, tmp_path: Path) -> None:
-    """Livox scanners write them as zeros, in places more than half of the points."""
+    """Livox scanners write points without a return as zeros, up to more than half of a scan."""
     rng = np.random.default_rng(0)
     points = rng.uniform(0.0, 40.0, (60_000, 4)).astype("<f4")
     gone = rng.random(60_000) < 0.6
@@ -698,7 +698,7 @@ def test_points_without_a_return_are_no_other_layout(shine: float, tmp_path: Pat
 
 
 def test_bin_files_of_other_layouts_are_refused(tmp_path: Path) -> None:
-    """They were read as x, y, z, intensity: coordinates of 1e36, or all alike."""
+    """Other layouts are refused, instead of read as x, y, z, intensity with absurd values."""
     rng = np.random.default_rng(0)
     azimuth = np.linspace(0, 6.28, 2000)
     distance = 20 + 5 * np.sin(3 * azimuth) + rng.normal(0, 0.02, 2000)
@@ -752,7 +752,7 @@ def test_planes_are_told_from_rows_by_where_their_numbers_differ(
 
 @pytest.mark.parametrize("axis", [0, 1, 2])
 def test_rows_of_a_cube_in_the_order_of_an_axis_are_no_planes(tmp_path: Path, axis: int) -> None:
-    """All columns have the same numbers, and the parts of the file do not."""
+    """Sorted rows are read as rows, although the parts of the file differ as in planes."""
     for count in (120, 21_000):
         rows = np.random.default_rng(axis).uniform(-1.0, 1.0, (count, 4)).astype("<f4")
         rows = rows[np.argsort(rows[:, axis])]
@@ -763,7 +763,7 @@ def test_rows_of_a_cube_in_the_order_of_an_axis_are_no_planes(tmp_path: Path, ax
 def test_intensities_that_are_all_nan_are_none(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    """Drivers of scanners without intensities write them."""
+    """Intensities that are all NaN, as some drivers write them, are read as none."""
     rows = np.random.default_rng(0).uniform(1, 9, (50, 4))
     rows[:, 3] = np.nan
     path = pcd_of(tmp_path / "a.pcd", "x y z intensity", rows)
@@ -804,7 +804,7 @@ def test_rings_may_be_floats_where_they_are_whole(is_whole: bool, tmp_path: Path
 @pytest.mark.parametrize("suffix", [".bin", ".pcd.bin"])
 @pytest.mark.parametrize("digits", [3, None])
 def test_numbers_of_64_bits_are_refused(tmp_path: Path, suffix: str, digits: int | None) -> None:
-    """Read as numbers of 32 bits, they are twice as many points, and not those of the scan."""
+    """Numbers of 64 bits would be read as twice as many points with wrong coordinates."""
     columns = 4 if suffix == ".bin" else 5
     numbers = np.random.default_rng(0).normal(0.0, 20.0, (3000, columns)).astype(np.float32)
     wide = numbers.astype(np.float64)
@@ -824,7 +824,7 @@ def test_numbers_of_64_bits_are_refused(tmp_path: Path, suffix: str, digits: int
     [("x", "y", "z", "scalar_Intensity", "scalar_ring"), ("X", "Y", "Z", "Reflectance", "RING")],
 )
 def test_names_of_columns_in_other_letters(names: tuple[str, ...], tmp_path: Path) -> None:
-    """As CloudCompare and others write them; they are written back as they were."""
+    """Names of columns by CloudCompare and others are recognised, and written back unchanged."""
     rows = np.float32([[1, 2, 3, 0.5, 7], [4, 5, 6, 0.25, 9]])
     head = "ply\nformat binary_little_endian 1.0\nelement vertex 2\n"
     head += "".join(f"property float {name}\n" for name in names) + "end_header\n"
@@ -847,7 +847,7 @@ def test_names_of_columns_in_other_letters(names: tuple[str, ...], tmp_path: Pat
 
 
 def test_whole_numbers_in_capital_columns_are_no_coordinates(tmp_path: Path) -> None:
-    """laspy's records have steps of a scale in X, Y and Z."""
+    """Integers in X, Y and Z, as in laspy's records, are scaled steps and no coordinates."""
     np.save(tmp_path / "a.npy", np.zeros(9, [("X", "i4"), ("Y", "i4"), ("Z", "i4")]))
     with pytest.raises(FormatError, match="x, y, z not found"):
         read_scan(tmp_path / "a.npy")
@@ -871,7 +871,7 @@ def test_an_intensity_of_several_numbers_is_no_intensity(tmp_path: Path, suffix:
 
 @pytest.mark.parametrize("off", [0.0, 2e-7, 1e-3])
 def test_the_points_of_veloview_stand_in_its_file_twice(tmp_path: Path, off: float) -> None:
-    """Once with 32 and once with 64 bits; coordinates that differ are refused."""
+    """VeloView writes coordinates in 32 and in 64 bits; they are refused if they differ."""
     path = tmp_path / "frame.csv"
     axes = '"Points_m_XYZ:0","Points_m_XYZ:1","Points_m_XYZ:2","X","Y","Z"'
     rows = (f"{k},2.5,{-k},{k + off:.9f},2.5,{-k},{10 * k},{k}" for k in range(5))
@@ -894,7 +894,7 @@ def test_the_points_of_veloview_stand_in_its_file_twice(tmp_path: Path, off: flo
 def test_a_coordinate_that_a_pcd_names_twice_is_refused(
     tmp_path: Path, fields: str, twice: str
 ) -> None:
-    """The first column counts of those with another name."""
+    """A coordinate that is named twice is refused; of other names the first column is read."""
     count = len(fields.split())
     rows = "\n".join(" ".join(str(10 * i + k) for k in range(count)) for i in range(3))
     path = tmp_path / "a.pcd"

@@ -21,7 +21,7 @@ PLY = (
 
 
 def lzf_of_zeros(size: int) -> bytes:
-    """As short as LZF can: one zero, then copies of 264 bytes from a byte back."""
+    """Compress zeros as far as LZF can: one zero, then copies of 264 bytes from the byte before."""
     copies, rest = divmod(size - 1, 264)
     return b"\x00\x00" + b"\xe0\xff\x00" * copies + b"\x00\x00" * rest
 
@@ -33,7 +33,7 @@ def pcd_bomb(points: int) -> bytes:
 
 
 def jumping_packets() -> bytes:
-    """Azimuths that pass the cut every second block: six frames a packet."""
+    """Return packets whose azimuths pass the cut in every second block: six frames per packet."""
     blocks = [block((17000 * b) % 36000, [1000] * 32) for b in range(12)]
     frame = ethernet(udp_frame(packet(blocks, product=0x22)))
     return pcap([frame] * (MIB // (len(frame) + 16)))

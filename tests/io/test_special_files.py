@@ -90,7 +90,7 @@ Case = tuple[str, str]
 
 
 def not_refused(cases: list[Case]) -> str:
-    """The cases that were read, that waited, or that failed in another way."""
+    """Return the cases that were read, that waited, or that failed with another error."""
     done = subprocess.run(
         [sys.executable, "-c", PROGRAM],
         input=json.dumps(cases),
@@ -122,7 +122,7 @@ def test_readers_refuse_it(tmp_path: Path) -> None:
 
 
 def test_a_mesh_can_come_from_a_pipe_of_the_shell() -> None:
-    """It has no suffix, and its writer is known."""
+    """A pipe of the shell on stdin is read, unlike a named pipe, since its writer is known."""
     done = subprocess.run(
         [sys.executable, "-c", "import manip3d; print(manip3d.read_mesh('/dev/stdin').num_faces)"],
         input="v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n",
@@ -207,9 +207,9 @@ OURS = {
     "study/_reading.py": 1,
     "viewer/page.py": 2,
 }
-"""Where files are opened plainly, and how often: files of the package and of the system, of our own
-temporary folders, stores and experiments, copies of the network, what is known to be regular (a ROS
-bag, asked by `is_file`), and downloads that have just been made."""
+"""Number of plain `open` calls per module. They open files of the package and of the system, of our
+own temporary folders, stores and experiments, files that are known to be regular, and downloads
+that have just been made."""
 
 
 def test_files_of_users_are_opened_as_regular_files() -> None:
@@ -268,7 +268,7 @@ def test_pointers_of_git_lfs_are_named(tmp_path: Path, name: str) -> None:
 
 
 def test_pipes_in_folders_are_left_out_of_batches(tmp_path: Path) -> None:
-    """A reader would wait for ever. A link that leads nowhere is a row with an error, as before."""
+    """Batches leave out pipes, on which a reader would wait for ever; dangling links are errors."""
     io.write_mesh(manip3d.Mesh(np.eye(3), np.array([[0, 1, 2]])), tmp_path / "a.obj")
     os.mkfifo(tmp_path / "pipe.obj")
     (tmp_path / "gone.obj").symlink_to(tmp_path / "nowhere.obj")
