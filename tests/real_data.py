@@ -1,4 +1,4 @@
-"""The real data sets that tests marked ``realdata`` read: files under ``MANIP3D_DATA``."""
+"""Access to the real data under ``MANIP3D_DATA`` for tests that are marked ``realdata``."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ ROOT = Path(os.environ["MANIP3D_DATA"]) if os.environ.get("MANIP3D_DATA") else N
 
 
 class RealData:
-    """What the fixture ``realdata`` gives: paths that exist; the test is skipped where not."""
+    """Value of the fixture ``realdata``: gives existing paths, or skips the test."""
 
     def __call__(self, relative: str = "") -> Path:
-        """The file or folder ``relative`` to ``MANIP3D_DATA``."""
+        """Return the file or folder ``relative`` to ``MANIP3D_DATA``."""
         if ROOT is None:
             pytest.skip("MANIP3D_DATA is not set")
         path = ROOT / relative

@@ -34,7 +34,7 @@ def smoothed_joint(
     jitter: float = 0.03,
     deviation: float = 0.05,
 ) -> list[NDArray[np.float64]]:
-    """Azimi's filter as the page writes it, for one joint."""
+    """Smooth one joint by Azimi's filter, as published."""
     outputs = []
     filtered, trend = raws[0], np.zeros(3)
     for k, (raw, guessed) in enumerate(zip(raws, inferred, strict=True)):
@@ -278,13 +278,13 @@ REDDISH = 0.8 * RED + 0.2 * np.eye(15, dtype=np.float32)[1]  # Hellinger distanc
 def dressed(
     key: KeyPerson, people: list[tuple[Skeleton, NDArray[np.float32]]], time: float
 ) -> int | None:
-    """Who of the people, each with its clothes, is the key person."""
+    """Return the id of the key person among people with these clothes."""
     one = key.find([p for p, _ in people], SMALL, time, clothes=[c for _, c in people])
     return None if one is None else one.id
 
 
 def test_ids_swapped_while_two_people_cross_are_told_by_their_clothes() -> None:
-    """They pass each other within 20 cm, so that no place tells them apart."""
+    """The patient is followed by the clothes, since both people pass within 20 cm."""
     key = KeyPerson()
     for k in range(60):
         x = 0.02 * (k - 30)  # of the patient, in red; the visitor comes the other way
@@ -294,7 +294,7 @@ def test_ids_swapped_while_two_people_cross_are_told_by_their_clothes() -> None:
 
 
 def test_without_colours_people_who_cross_are_told_by_ids() -> None:
-    """The same walk in clothes that are not seen: whoever has the id is followed."""
+    """Without clothes, the person who has the id of the patient is followed."""
     key, unseen = KeyPerson(), np.zeros(15, np.float32)
     for k in range(60):
         x = 0.02 * (k - 30)
@@ -332,7 +332,7 @@ def test_who_comes_after_the_key_person_is_forgotten_is_known_by_new_clothes() -
 
 
 def test_somebody_of_another_size_in_the_patients_colours_is_not_the_patient() -> None:
-    """The patient's shirt is covered while a child in the same red stands 0.2 m away."""
+    """A child in the patient's colours is not followed while the patient's shirt is covered."""
     patient, child = pose(identity=1), pose(identity=2)
     base = child.positions[0]
     small = (base + 0.5 * (child.positions - base) + (0.2, 0.0, 0.0)).astype(np.float32)
@@ -351,7 +351,7 @@ def test_a_newcomer_in_other_clothes_is_not_taken() -> None:
 
 
 def test_an_id_is_believed_while_nobody_else_wears_the_clothes() -> None:
-    """A jacket is put on, or an arm hides the shirt: nobody else is the patient for it."""
+    """Changed or hidden clothes do not make another person the patient."""
     key = KeyPerson()
     assert dressed(key, [(person(1, 0.0), RED), (person(2, 0.7), RED)], 0.0) == 1
     assert dressed(key, [(person(1, 0.0), BLUE), (person(2, 0.7), BLUE)], 0.1) == 1
@@ -370,9 +370,9 @@ def without_spine(skeleton: Skeleton) -> Skeleton:
 def test_a_jacket_that_is_put_on_is_learnt_while_nobody_is_near(
     visitor_at: float, comes_back_as: int, has_spine: bool
 ) -> None:
-    """Afterwards the patient comes back under a new id; with a visitor near, nothing is learnt.
+    """New clothes are learnt if no visitor is near; the patient then comes back under a new id.
 
-    Without a spine, shoulders and hips tell how far the visitor stands.
+    Without a spine, the visitor's distance is measured from shoulders and hips.
     """
     key = KeyPerson()
     found = person(2, visitor_at)
@@ -386,7 +386,7 @@ def test_a_jacket_that_is_put_on_is_learnt_while_nobody_is_near(
 
 
 def test_clothes_that_are_hidden_for_a_moment_are_not_forgotten() -> None:
-    """An arm lies before the shirt for a second: the patient in red is still told from others."""
+    """The patient's red shirt is remembered while an arm hides it for a second."""
     key = KeyPerson()
     assert dressed(key, [(person(1, 0.0), RED)], 0.0) == 1
     for k in range(1, 31):
@@ -433,7 +433,7 @@ def test_colours_of_clothes(rgb: tuple[int, int, int], row: dict[int, float]) ->
 
 
 def test_clothes_are_those_of_the_trunk_alone() -> None:
-    """An arm before the chest, the background and a person of no index are left out."""
+    """Clothes do not include an arm before the chest, the background or pixels of no person."""
     both = pose(), pose(at=(0.0, 0, 2.44), identity=2, body=1)
     image = frame(both[0], people=both)
     there = image.depth > 0
@@ -452,7 +452,7 @@ def test_clothes_are_those_of_the_trunk_alone() -> None:
 
 
 def test_the_core_checks_the_pictures_of_clothes() -> None:
-    """The facade's frames always fit; other callers of the core must not read beyond an image."""
+    """The core refuses images that do not fit, as it must not read beyond their ends."""
     image = frame(pose())
     color = np.zeros((*image.depth.shape, 3), np.uint8)
     index = np.zeros(image.depth.shape, np.uint8)
@@ -477,7 +477,7 @@ def test_the_core_checks_the_pictures_of_clothes() -> None:
 
 
 def axes(s: Skeleton, arm: bool) -> tuple[NDArray[np.float64], ...]:
-    """x_s, y_s, z_s and O_s of eq. 4.2 and 4.8."""
+    """Return x_s, y_s, z_s and O_s of eq. 4.2 and 4.8."""
     names = ("ShoulderLeft", "ShoulderRight", "SpineMid", "SpineShoulder")
     names = names if arm else ("HipLeft", "HipRight", "SpineBase", "SpineMid")
     left, right, low, high = (s.positions[JOINTS.index(n)].astype(float) for n in names)
@@ -586,7 +586,7 @@ def test_mirrored_joints_and_orientations(limb: str) -> None:
             continue
         expected = mirror(s.positions[other].astype(float))
         np.testing.assert_allclose(mirror.skeleton.positions[joint], expected, atol=1e-6)
-        # What is seen in the mirror of a bone turned by R: (mirror) R, with its own x reversed.
+        # The mirror image of a bone with rotation R has rotation (mirror) R diag(-1, 1, 1).
         turned = mirror.linear @ rotation(s.orientations[other]) @ np.diag([-1.0, 1, 1])
         found = rotation(mirror.skeleton.orientations[joint])
         np.testing.assert_allclose(found, turned, atol=1e-5)
@@ -613,7 +613,7 @@ def test_no_mirror_without_axes() -> None:
 def distance_4_1(
     p: NDArray[np.float64], pc: NDArray[np.float64], pr: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Eq. 4.1, its three cases."""
+    """Return the distance of eq. 4.1 in its three cases."""
     axis = pr - pc
     if not axis.any():
         return np.linalg.norm(p - pc, axis=-1)
@@ -678,7 +678,7 @@ def unit(vector: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def fleshed(skeleton: Skeleton) -> list[Rod]:
-    """Number, ends and radii of each bone with its flesh; of a whole trunk two rods a bone."""
+    """Return number, ends and radii of each bone with its flesh; trunk bones may be two rods."""
     joints = {n: p for n, p in zip(JOINTS, skeleton.positions.astype(float), strict=True)}
     usable = [JOINTS[j] for j in range(25) if skeleton.states[j]]
     names = {number: JOINTS[number] for number, *_ in bones(skeleton)}
@@ -799,7 +799,7 @@ def test_mask_is_body_index_or_depths_of_the_joints() -> None:
 @pytest.mark.parametrize("metres", [70.0, 1e6, 3e38])
 @pytest.mark.parametrize("dtype", [np.uint16, np.float32])
 def test_joints_out_of_reach_have_no_pixels(metres: float, dtype: type) -> None:
-    """Depths in millimetres once overflowed 16 bits, and all pixels were labelled."""
+    """Joints beyond the range of 16 bits in millimetres get no pixels; they once got all."""
     s = pose()
     far = replace(s, positions=s.positions * np.float32((1, 1, 0)) + np.float32((0, 0, metres)))
     depth = np.full((48, 64), 5000 if dtype is np.uint16 else 5.0, dtype)
@@ -823,12 +823,12 @@ PARTS = {1: (5, 6, 7, 21, 22), 2: (9, 10, 11, 23, 24), 3: (13, 14, 15), 4: (17, 
 
 
 def part_of(labels: NDArray[np.uint8]) -> NDArray[np.int64]:
-    """0 for trunk and head, else the number of the limb."""
+    """Return the number of the limb of each label; 0 for trunk and head."""
     return sum(number * np.isin(labels, limb) for number, limb in PARTS.items())
 
 
 def test_bone_labels_of_capsules() -> None:
-    """Most pixels of a body get their bone; joints' surroundings may go either way."""
+    """Most pixels get the label of their bone; near joints either bone is right."""
     s = pose()
     depth, truth = render(s, SMALL)
     for segmentation in ("skin", "paper"):
@@ -841,7 +841,7 @@ def test_bone_labels_of_capsules() -> None:
 
 @pytest.mark.parametrize("turn", [-45.0, -20.0, 0.0, 20.0, 45.0])
 def test_an_arm_that_hangs_takes_no_flank_along(turn: float) -> None:
-    """The trunk's middle is farther from its flank than the arm that hangs beside it."""
+    """A flank is not labelled as the arm beside it, although the trunk's axis is farther away."""
     hanging = {"Elbow": (0.22, 0.19), "Wrist": (0.23, -0.06), "Hand": (0.23, -0.13),
                "HandTip": (0.23, -0.21)}  # fmt: skip
     moved = {n + "Left": (x, y, 0.0) for n, (x, y) in hanging.items()}
@@ -860,7 +860,7 @@ def test_an_arm_that_hangs_takes_no_flank_along(turn: float) -> None:
 
 
 def test_what_is_far_from_every_skin_is_of_the_nearest_in_metres() -> None:
-    """A forearm whose joints are 40 cm off is still an arm, though a trunk is less certain."""
+    """A forearm whose joints are 40 cm off is still labelled as an arm."""
     whole = pose({"WristLeft": (0.75, 0.25, 0), "HandLeft": (0.83, 0.26, 0),
                   "HandTipLeft": (0.9, 0.26, 0), "ThumbLeft": (0.83, 0.29, 0)})  # fmt: skip
     depth, truth = render(whole, SMALL)
@@ -871,7 +871,7 @@ def test_what_is_far_from_every_skin_is_of_the_nearest_in_metres() -> None:
 
 
 def test_a_palm_is_no_thumb() -> None:
-    """A palm is broad; the bone of the thumb, which begins at the wrist, lies beside it."""
+    """A palm is not labelled as thumb, although the bone of the thumb lies beside it."""
     s = pose({"HandLeft": (0.42, -0.08, -0.05), "ThumbLeft": (0.40, -0.09, -0.09)})
     depth, truth = render(s, SMALL)
     palm = truth == 7

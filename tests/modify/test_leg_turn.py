@@ -14,14 +14,14 @@ from real_data import RealData
 
 
 def is_own(result: modify.PhantomFrame) -> np.ndarray:
-    """Pixels of the phantom that show what was there before."""
+    """Return a mask of the phantom's pixels that show the affected leg itself."""
     rows, cols = np.indices(result.kinds.shape)
     stays = (result.source[..., 0] == rows) & (result.source[..., 1] == cols)
     return np.asarray(stays & (result.kinds == modify.PixelKind.FILLED))
 
 
 def from_bone(points: np.ndarray, start: np.ndarray, end: np.ndarray) -> np.ndarray:
-    """Distances of points to a bone."""
+    """Return the distances of points to a bone."""
     bone = end - start
     along = np.clip((points - start) @ bone / (bone @ bone), 0.0, 1.0)
     return np.asarray(np.linalg.norm(points - start - along[:, None] * bone, axis=1))
@@ -32,10 +32,11 @@ def from_bone(points: np.ndarray, start: np.ndarray, end: np.ndarray) -> np.ndar
 def test_no_lap_is_cut_while_the_chest_turns_on_the_seat(
     limb: modify.Limb, realdata: RealData
 ) -> None:
-    """A person whose legs are turned by 12 degrees against the chest, which turns when rising.
+    """Few pixels of the lap are lost although the legs are turned by 12 degrees against the chest.
 
-    By the plane of the trunk 17 to 29 % of what is below the hips was lost in the first 20 frames.
-    Pixels that the phantom takes from the affected leg count as lost, as they hide a wrong plane.
+    With the plane of the trunk, 17 to 29 % of the pixels below the hips were lost in the first 20
+    frames. Pixels that the phantom takes from the affected leg count as lost, because they hide a
+    wrong plane.
     """
     realdata.needs("people_utd_mhad")
     pipeline = modify.PhantomPipeline(limb)
@@ -59,7 +60,7 @@ def test_no_lap_is_cut_while_the_chest_turns_on_the_seat(
     ],
 )
 def test_the_plane_turns_with_a_person_who_moves_the_intact_leg(motion: str) -> None:
-    """Neither the exercise of one leg nor a sway of the whole body takes the plane along."""
+    """The plane turns with the body, also while the intact leg moves or the body sways."""
     pipeline = modify.PhantomPipeline("left_leg")
     simulator = BodySimulator(
         motion=motion,
@@ -95,10 +96,10 @@ def test_the_plane_turns_with_a_person_who_moves_the_intact_leg(motion: str) -> 
     ],
 )
 def test_the_legs_of_a_turned_person_stay_whole(limb: modify.Limb, turn: float) -> None:
-    """A camera sees the inner side of one leg and the outer side of the other.
+    """Hardly any pixel below the hips is lost, although the camera sees unlike sides of both legs.
 
-    Mirrored points alone lose 9 to 25 % of what is below the hips; of a body that is turned to one
-    side the tracker guesses the affected hip.
+    With mirrored points alone, 9 to 25 % of the pixels are lost. The tracker guesses the affected
+    hip of a body that is turned to one side.
     """
     pipeline = modify.PhantomPipeline(limb)
     simulator = BodySimulator(
@@ -122,7 +123,7 @@ def test_the_legs_of_a_turned_person_stay_whole(limb: modify.Limb, turn: float) 
 
 
 def test_a_leg_aside_is_not_drawn_beside_the_phantom() -> None:
-    """Who stretches one knee shows a shin that is no part of the phantom, which has none there."""
+    """The shin of a leg that is stretched aside is not drawn, since the phantom has none there."""
     pipeline = modify.PhantomPipeline("left_leg")
     simulator = BodySimulator(
         motion="knee-extension",
@@ -155,10 +156,10 @@ def test_a_leg_aside_is_not_drawn_beside_the_phantom() -> None:
 def test_legs_that_are_turned_against_the_chest_stay_whole(
     limb: modify.Limb, turn: float, thigh_turn: float
 ) -> None:
-    """How much of a thigh is seen depends on where it points.
+    """The plane follows turned legs, although their directions decide which part of them is seen.
 
-    By the middles of what is seen of thighs and shins, the plane stayed at the trunk's, and 14 to
-    44 % of what is below the hips was lost.
+    A plane from the mean points of thighs and shins stayed at that of the trunk, and 14 to 44 % of
+    the pixels below the hips were lost.
     """
     pipeline = modify.PhantomPipeline(limb)
     simulator = BodySimulator(
@@ -189,9 +190,9 @@ def test_legs_that_are_turned_against_the_chest_stay_whole(
 
 @pytest.mark.parametrize("limb", ["left_leg", "right_leg"])
 def test_joints_in_the_other_leg_do_not_cut_the_lap(limb: modify.Limb) -> None:
-    """A tracker that puts the joints of both seated legs 16 cm to one side.
+    """The intact thigh stays if a tracker puts the joints of both seated legs 16 cm to one side.
 
-    The intact thigh's flesh was nearer to the affected leg's joints, and 3 and 9 % were taken out.
+    Its flesh is then nearer to the joints of the affected leg; 3 and 9 % were once taken out.
     """
     pipeline = modify.PhantomPipeline(limb)
     simulator = BodySimulator(
@@ -214,9 +215,9 @@ def test_joints_in_the_other_leg_do_not_cut_the_lap(limb: modify.Limb) -> None:
 
 
 def test_one_frame_with_wrong_joints_does_not_hide_that_the_leg_is_there() -> None:
-    """The first frame's ankle lies at its knee: both legs tell the plane soon after all the same.
+    """An ankle at the knee in the first frame does not keep the plane from following both legs.
 
-    The leg was taken for missing during half a second, and the plane of the trunk was kept.
+    The leg was once taken for missing during half a second, with the plane of the trunk.
     """
     pipeline = modify.PhantomPipeline("left_leg")
     simulator = BodySimulator(

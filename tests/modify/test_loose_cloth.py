@@ -1,4 +1,4 @@
-"""What hangs where a limb is missing, and what must stay: hands before the place of a leg."""
+"""Loose cloth of a missing limb is taken out; hands before the place of a leg stay."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ INFERRED = 1
 
 
 def made_up(frame: RgbdFrame, side: str) -> RgbdFrame:
-    """The frame with the joints of a leg as a tracker gives those of a missing one."""
+    """Return the frame with a leg's joints inferred, as a tracker infers those of a missing leg."""
     person = frame.skeletons[0]
     states = person.states.copy()
     states[[JOINT[f"{part}{side}"] for part in ("Knee", "Ankle", "Foot")]] = INFERRED
@@ -24,7 +24,7 @@ def made_up(frame: RgbdFrame, side: str) -> RgbdFrame:
 
 
 def near_hand(frame: RgbdFrame, side: str) -> NDArray[np.bool_]:
-    """Pixels within 10 cm of the hand or the wrist."""
+    """Return a mask of pixels within 10 cm of the hand or the wrist."""
     points = frame.calibration.depth.unproject(frame.depth)
     joints = frame.skeletons[0].positions
     distances = [
@@ -39,7 +39,7 @@ def near_hand(frame: RgbdFrame, side: str) -> NDArray[np.bool_]:
 def test_hands_before_a_leg_are_no_cloth(
     action: str, limb: str, side: str, realdata: RealData
 ) -> None:
-    """People who stand up and sit down: the hand keeps what it keeps where the leg is tracked."""
+    """Hands of people who stand up and sit down are kept as well as with a tracked leg."""
     realdata.needs("people_utd_mhad")
     tracked, missing = modify.PhantomPipeline(limb), modify.PhantomPipeline(limb)
     lost = seen = 0

@@ -1,4 +1,4 @@
-"""A phantom that holds still, stays with its patient and says when it is not to be believed."""
+"""The phantom is steady, stays with its patient, and its state tells when it is unreliable."""
 
 from __future__ import annotations
 
@@ -34,13 +34,13 @@ BODY = [JOINTS.index(name) for name in ("SpineBase", "SpineMid", "SpineShoulder"
 def seen(
     skeleton: Skeleton, number: int, *, told: Skeleton | None = None, camera: Intrinsics = SMALL
 ) -> RgbdFrame:
-    """A frame of a person without a right arm whose tracker tells something else."""
+    """Return a frame of a person without a right arm, with the skeleton ``told`` by the tracker."""
     image = frame(skeleton, camera, without=ARM, number=number)
     return replace(image, skeletons=(told or skeleton,))
 
 
 def crowd(patient: Skeleton, visitor: Skeleton, number: int) -> RgbdFrame:
-    """Two people; their pixels are told by their bodies, not by their ids."""
+    """Return a frame of two people whose pixels are labelled by body, not by id."""
     a, b = frame(patient, without=ARM), frame(visitor)
     assert a.body_index is not None
     assert b.body_index is not None
@@ -59,7 +59,7 @@ def crowd(patient: Skeleton, visitor: Skeleton, number: int) -> RgbdFrame:
 
 
 def reflected_steps(sigma: float, turns: NDArray[np.float64], limb: Limb) -> NDArray[np.float64]:
-    """Metres that the true hand's reflection moves in a frame beyond its true motion."""
+    """Return metres per frame that the true hand's reflection moves beyond its true motion."""
     rng = np.random.default_rng(5)
     pipeline = PhantomPipeline(limb)
     extra, last = [], None
@@ -96,7 +96,7 @@ def test_the_plane_is_that_of_the_flesh_where_all_joints_are_beside_it(shift: fl
 
 
 def test_the_plane_turns_with_the_body() -> None:
-    """Without lag: at the end of a turn of 1 degree a frame it is where the body is."""
+    """The plane has no lag at the end of a turn of 1 degree per frame."""
     rng = np.random.default_rng(1)
     pipeline = PhantomPipeline("right_arm")
     off = []
@@ -114,7 +114,7 @@ def test_the_plane_turns_with_the_body() -> None:
 
 
 def degrees_off(result: PhantomFrame, truth: Skeleton) -> float:
-    """Between the plane's normal and the true direction from right to left."""
+    """Return the angle between the plane's normal and the true direction from right to left."""
     assert result.plane is not None
     true = truth.positions[4].astype(float) - truth.positions[8]
     cosine = abs(result.plane.normal @ true) / np.linalg.norm(true)
@@ -123,7 +123,7 @@ def degrees_off(result: PhantomFrame, truth: Skeleton) -> float:
 
 @functools.lru_cache(maxsize=1)
 def turned(turn: float, camera: Intrinsics) -> list[tuple[Skeleton, RgbdFrame]]:
-    """A body that was watched for 0.8 seconds is another way round: its truth, and what is seen."""
+    """Return truth and frames of a body that turns suddenly after 0.8 seconds."""
     rng = np.random.default_rng(1)
     frames = []
     for number in range(36):
@@ -134,7 +134,7 @@ def turned(turn: float, camera: Intrinsics) -> list[tuple[Skeleton, RgbdFrame]]:
 
 
 def turned_after(gap: float, turn: float, camera: Intrinsics) -> list[tuple[PhantomState, float]]:
-    """The gap is one in the stream, during which the body turned."""
+    """Process a body that turned during a gap in the stream."""
     pipeline = PhantomPipeline("right_arm")
     rows = []
     for number, (truth, image) in enumerate(turned(turn, camera)):
@@ -188,8 +188,10 @@ def test_a_body_that_turned_while_it_was_not_seen() -> None:
 
 @pytest.mark.parametrize("every", [1, 2])
 def test_a_plane_that_the_joints_speak_against_is_not_believed(every: int) -> None:
-    """Within a frame no body turns so far: the plane is called shaky, and then the joints win, also
-    those of a tracker that is slower than the camera."""
+    """A turn too fast for a body makes the plane shaky until it follows the joints.
+
+    This also holds for a tracker that is slower than the camera.
+    """
     pipeline = PhantomPipeline("right_arm")
     states = []
     for number in range(60):
@@ -241,7 +243,7 @@ COLLAPSE = (
 
 
 def collapsed(truth: Skeleton, step: int) -> Skeleton:
-    """The skeleton in a frame of the collapse."""
+    """Return the skeleton in a frame of the collapse."""
     positions = truth.positions.astype(float)
     up = positions[JOINTS.index("SpineShoulder")] - positions[JOINTS.index("SpineBase")]
     up /= np.linalg.norm(up)
@@ -255,7 +257,7 @@ def collapsed(truth: Skeleton, step: int) -> Skeleton:
 
 
 def test_frames_without_depth_do_not_turn_the_plane() -> None:
-    """Every seventh depth image is black, as a full bus leaves it, and each joint is 3 cm off."""
+    """Black depth images, as a full bus delivers them, do not turn the plane under joint errors."""
     rng = np.random.default_rng(3)
     whole, dropping = PhantomPipeline("left_leg"), PhantomPipeline("left_leg")
     angles = []
@@ -277,7 +279,7 @@ def test_frames_without_depth_do_not_turn_the_plane() -> None:
 
 
 def test_a_skeleton_that_collapses_for_some_frames_does_not_turn_the_plane() -> None:
-    """No body turns so that its joints lie otherwise to each other than before."""
+    """A skeleton of another shape than before is no turn of the body."""
     rng = np.random.default_rng(1)
     pipeline = PhantomPipeline("right_arm")
     for number in range(36):
@@ -314,7 +316,7 @@ def test_sides_that_a_tracker_swaps_do_not_move_the_phantom() -> None:
 
 
 def test_sides_that_a_tracker_swaps_do_not_move_the_limb() -> None:
-    """The joints of the intact arm are the stump's for a moment; the hand stays where it is."""
+    """The phantom hand stays in place while joints of both sides are swapped for a moment."""
     # Without feet nothing but the tracker says which side is left.
     truth = pose({"HandLeft": (0.3, 0.2, -0.1)}, missing=("FootLeft", "FootRight"))
     swapped = replace(truth, positions=truth.positions[list(MIRRORED_JOINTS)])
@@ -332,7 +334,7 @@ def test_sides_that_a_tracker_swaps_do_not_move_the_limb() -> None:
 
 
 def test_a_guessed_hip_does_not_hide_that_sides_are_swapped() -> None:
-    """Trackers often guess one hip of a seated person, at its place by chance alone."""
+    """Swapped sides are recognised although a tracker guesses one hip of a seated person."""
     truth = pose({"HandLeft": (0.3, 0.2, -0.1)})
     left, right = JOINTS.index("HipLeft"), JOINTS.index("HipRight")
     told = replace(truth, positions=truth.positions.copy(), states=truth.states.copy())
@@ -366,7 +368,7 @@ FLIGHTS = {
 
 @pytest.mark.parametrize("flight", FLIGHTS)
 def test_invented_joints_of_a_missing_arm_take_nothing_of_the_body(flight: str) -> None:
-    """Bones to them run across the chest and the neck, which a limb that is not there cannot."""
+    """Bones to made-up joints of a missing arm run across chest and neck, which must stay."""
     truth = pose()
     told = pose(FLIGHTS[flight])
     pipeline = PhantomPipeline("right_arm")
@@ -382,7 +384,7 @@ def test_invented_joints_of_a_missing_arm_take_nothing_of_the_body(flight: str) 
 
 
 def test_an_arm_is_taken_out_though_its_joints_fly_for_a_moment() -> None:
-    """If the person has the arm, the tracker is believed as soon as it sees it again."""
+    """An arm that exists is taken out within six frames after its joints are right again."""
     truth = pose()
     told = pose(FLIGHTS["beside the person"])
     pipeline = PhantomPipeline("right_arm")
@@ -443,7 +445,7 @@ def test_feet_of_one_who_kneels_say_nothing_of_sides() -> None:
 
 
 def test_sides_told_for_long_are_kept_for_longer() -> None:
-    """A tracker that was right for two seconds is not believed when it is wrong for 0.7."""
+    """Sides that were right for two seconds are kept when they are wrong for 0.7 seconds."""
     truth = pose(missing=("FootLeft", "FootRight"))
     swapped = replace(truth, positions=truth.positions[list(MIRRORED_JOINTS)])
     pipeline = PhantomPipeline("right_arm")
@@ -455,7 +457,7 @@ def test_sides_told_for_long_are_kept_for_longer() -> None:
 
 
 def drifting(limb: Limb, guessed: tuple[str, ...]) -> list[PhantomFrame]:
-    """Two seconds of somebody who stands still; errors of 2 cm, of guesses 10 cm, go on and on."""
+    """Process two seconds of a still person; joints drift by 2 cm, guessed ones by 10 cm."""
     rng = np.random.default_rng(3)
     truth = pose(inferred=guessed)
     scale = np.where(truth.states == 1, 0.10, 0.02)[:, None]
@@ -470,7 +472,7 @@ def drifting(limb: Limb, guessed: tuple[str, ...]) -> list[PhantomFrame]:
 
 
 def yaws(results: list[PhantomFrame]) -> NDArray[np.float64]:
-    """Degrees that the plane is turned by about the vertical."""
+    """Return the angles of the planes about the vertical, degrees."""
     normals = np.array([result.plane.normal for result in results if result.plane is not None])
     return np.asarray(np.rad2deg(np.arctan2(normals[:, 2], normals[:, 0])), np.float64)
 
@@ -489,7 +491,7 @@ def test_a_plane_is_no_surer_than_joints_that_drift() -> None:
 
 
 def test_a_leg_at_the_plane_is_believed_where_the_plane_is_known() -> None:
-    """Feet may be close together; what counts is how far the plane may be off."""
+    """A leg across a plane that is well known is not called shaky."""
     crossed = {"KneeLeft": (0.03, -0.48, -0.15), "AnkleLeft": (-0.02, -0.85, -0.15),
                "FootLeft": (-0.03, -0.90, -0.30)}  # fmt: skip
     apart, near = (
@@ -541,7 +543,7 @@ def test_swapped_ids_leave_the_phantom_with_the_patient() -> None:
 
 
 def test_the_phantom_stays_with_the_patients_shirt() -> None:
-    """Ids are swapped while the visitor passes behind the patient, as near as 25 cm."""
+    """The phantom follows the shirt when ids are swapped while a visitor passes 25 cm behind."""
     followed = []
     for in_color in (True, False):
         pipeline = PhantomPipeline("right_arm")
@@ -562,7 +564,7 @@ def test_the_phantom_stays_with_the_patients_shirt() -> None:
 
 
 def test_an_id_that_somebody_else_has_got_is_not_followed() -> None:
-    """The tracker loses the patient and gives the id to a visitor far away in another shirt."""
+    """A far visitor in another shirt who gets the lost patient's id does not get the phantom."""
     pipeline = PhantomPipeline("right_arm")
     found = []
     for number in range(70):
@@ -609,7 +611,7 @@ def test_an_arm_without_hips_in_the_picture_has_a_phantom() -> None:
 
 
 def test_a_visitor_never_gets_the_phantom() -> None:
-    """The patient comes back a metre aside under another id while a visitor is in view."""
+    """A patient who comes back a metre aside under a new id gets the phantom, not a visitor."""
     visitor = pose(at=(1.0, 0, 3.2), identity=2, body=1)
     pipeline = PhantomPipeline("right_arm")
     states = []
@@ -654,7 +656,7 @@ def test_a_clock_that_stands_or_runs_back_does_not_freeze_the_picture(step: int)
 
 @pytest.mark.parametrize(("group", "rate"), [(2, 30.0), (2, 60.0), (2, 15.0), (30, 30.0)])
 def test_frames_that_are_stamped_together_are_shown(group: int, rate: float) -> None:
-    """A driver that stamps pairs of frames, and a clock of whole seconds."""
+    """Equal times of frame pairs, or of a clock of whole seconds, do not make frames late."""
     pipeline = PhantomPipeline("right_arm")
     for number in range(45):
         image = seen(pose(at=(0.3 * number / rate, 0, 2.44)), number)
@@ -753,14 +755,14 @@ def test_a_wrong_focal_length_is_named(factor: float) -> None:
 
 @dataclass(frozen=True, eq=False)
 class Person:
-    """Thirty frames of a simulated person, for all tests of focal lengths."""
+    """Thirty frames of a simulated person for the tests of focal lengths."""
 
     limb: Limb
     is_sitting: bool
     frames: list[RgbdFrame]
 
     def told_with(self, factor: float) -> list[PhantomFrame]:
-        """The frames that are shown if the focal length is off by a factor."""
+        """Process the frames with a focal length that is wrong by a factor."""
         pipeline = PhantomPipeline(self.limb)
         wrong = replace(DEPTH_CAMERA, fx=factor * DEPTH_CAMERA.fx, fy=factor * DEPTH_CAMERA.fy)
         calibration = RgbdCalibration(wrong)
@@ -803,7 +805,7 @@ def test_a_focal_length_that_is_right_is_not_doubted(factor: float, person: Pers
 
 
 def with_a_hat(image: RgbdFrame, height: float) -> RgbdFrame:
-    """A box of 22 cm in width on the head of the first person, in depth and body index."""
+    """Put a box of 22 cm in width on the head of the first person."""
     person = image.skeletons[0]
     x, _, z = person.positions[JOINTS.index("Head")]
     camera = DEPTH_CAMERA
@@ -825,7 +827,7 @@ def test_a_hat_is_no_wrong_focal_length(person: Person) -> None:
 
 
 def test_a_rolled_camera_tells_a_wrong_focal_length_too() -> None:
-    """By 90 degrees: the person lies in the image, with the head to the left."""
+    """A wrong focal length is recognised with a camera rolled by 90 degrees."""
     people = BodySimulator(
         motion="reach", amputated="right_arm", color="none", room=False, frames=20, seed=2
     )
@@ -838,7 +840,7 @@ def test_a_rolled_camera_tells_a_wrong_focal_length_too() -> None:
 
 
 def rolled(image: RgbdFrame, factor: float) -> RgbdFrame:
-    """The view of a camera turned by a quarter, its focal length off by a factor."""
+    """Return the view of a camera rolled by 90 degrees, with a focal length wrong by a factor."""
     c = image.calibration.depth
     focal = factor * c.fx
     camera = Intrinsics(c.height, c.width, focal, focal, c.cy, c.width - 1 - c.cx)
@@ -863,7 +865,7 @@ def rolled(image: RgbdFrame, factor: float) -> RgbdFrame:
 def test_a_stump_is_not_mirrored_if_the_wrong_limb_is_chosen(
     missing: Limb, chosen: Limb, motion: str
 ) -> None:
-    """Its guessed joints lie on flesh, as do those of a limb that is seen."""
+    """A stump is not mirrored, although its guessed joints lie on flesh as those of a limb do."""
     pipeline = PhantomPipeline(chosen)
     people = BodySimulator(
         motion=motion, amputated=missing, color="none", room=False, frames=30, rate=20.0, seed=3
@@ -886,7 +888,7 @@ def test_joints_in_millimetres_are_named() -> None:
 
 
 def test_pixels_at_another_depth_than_their_joints_are_named() -> None:
-    """Depth in fifths of a millimetre: the tracker's pixels are there, and none is near a joint."""
+    """Depth in a wrong unit, with no pixel near a joint, is a reason of calibration."""
     pipeline = PhantomPipeline("right_arm")
     for number in range(5):
         image = seen(pose(), number)
@@ -906,7 +908,7 @@ def test_pixels_at_another_depth_than_their_joints_are_named() -> None:
     ],
 )
 def test_joints_that_stop_are_named(limb: Limb, body: dict[str, Any]) -> None:
-    """The tracker hangs while the person goes on, and is started again."""
+    """A tracker that hangs while the person moves is named until it is started again."""
     simulator = BodySimulator(
         amputated=limb, tracker="kinect-v2", color="none", room=False, seed=3, **body
     )
@@ -926,7 +928,7 @@ def test_joints_that_stop_are_named(limb: Limb, body: dict[str, Any]) -> None:
 
 @pytest.mark.parametrize("period", [1, 2, 3, 40])
 def test_joints_that_come_rarely_or_of_a_person_at_rest_have_not_stopped(period: int) -> None:
-    """All of 40 frames have the same joints if the person stands still, to the last bit."""
+    """Joints that repeat are accepted if they come rarely or the person stands still."""
     motion = "still" if period == 40 else "stepping"
     simulator = BodySimulator(
         amputated="left_leg", motion=motion, tracker="kinect-v2", color="none", room=False, seed=3
@@ -950,7 +952,10 @@ def test_joints_that_come_rarely_or_of_a_person_at_rest_have_not_stopped(period:
 def test_a_depth_image_beside_its_joints_does_not_turn_the_plane(
     limb: Limb, body: dict[str, Any]
 ) -> None:
-    """By 8 pixels: a plane that was held at the joints turned by 6 to 8 degrees under tracking."""
+    """Depth that is shifted by 8 pixels does not turn the plane, which follows the flesh.
+
+    A plane through the joints turned by 6 to 8 degrees.
+    """
     simulator = BodySimulator(
         amputated=limb, tracker="kinect-v2", color="none", room=False, rate=15.0, seed=4, **body
     )
@@ -973,14 +978,14 @@ def test_a_depth_image_beside_its_joints_does_not_turn_the_plane(
 
 
 def beside(skeleton: Skeleton, by: tuple[float, float, float]) -> Skeleton:
-    """All joints moved, in metres."""
+    """Move all joints, in metres."""
     return replace(skeleton, positions=skeleton.positions + np.array(by, np.float32))
 
 
 @pytest.mark.parametrize("by", [(0.08, 0.0, 0.0), (-0.08, 0.0, 0.0), (0.0, 0.0, -0.25)])
 @pytest.mark.parametrize("limb", ["left_arm", "right_leg"])
 def test_joints_beside_the_flesh_are_named(limb: Limb, by: tuple[float, float, float]) -> None:
-    """A principal point that is off by 12 pixels; depth in units that are a tenth too large."""
+    """A principal point off by 12 pixels, and depth a tenth too large, are named."""
     pipeline = PhantomPipeline(limb)
     for number in range(20):
         image = frame(pose(), KINECT, number=number)
@@ -1001,10 +1006,10 @@ def test_joints_beside_the_flesh_are_named(limb: Limb, by: tuple[float, float, f
 def test_joints_that_were_beside_the_person_for_a_while_leave_nothing_behind(
     limb: Limb, body: dict[str, Any], aside: float
 ) -> None:
-    """For two thirds of a second; their offset from the flesh was remembered for two seconds.
+    """Joints that were shifted for 0.7 seconds have no effect soon after they are right again.
 
-    Planes under tracking were up to 4 (arm) and 12 degrees (leg) off, and frames whose joints were
-    right again were `calibration` for as long.
+    Their offset was once remembered for two seconds. Planes were up to 4 (arm) and 12 degrees (leg)
+    off, and right joints had the reason `calibration` for as long.
     """
     people = BodySimulator(
         amputated=limb, tracker="kinect-v2", color="none", room=False, seed=4, **body
@@ -1030,7 +1035,10 @@ def test_joints_that_were_beside_the_person_for_a_while_leave_nothing_behind(
 def test_a_real_person_s_joints_that_were_beside_it_leave_nothing_behind(
     realdata: RealData,
 ) -> None:
-    """A trial that is played to and fro; the leap of its joints must not count as jitter either."""
+    """After one second of shifted joints, a recorded trial has nearly the phantom as without.
+
+    It is played to and fro. The leap of the joints must not count as jitter.
+    """
     realdata.needs("people_utd_mhad")
     trial = list(datasets.open_people("utd-mhad:a3_s5"))
     there_and_back = trial + trial[-2:0:-1]
@@ -1078,7 +1086,7 @@ def test_joints_that_are_not_told_are_no_wrong_calibration() -> None:
 
 
 def behind(image: RgbdFrame, rows: slice, columns: slice, depth: float) -> RgbdFrame:
-    """A frame with something before a part of it that is of no person, or of somebody else."""
+    """Return a frame with a part hidden by something that belongs to no person."""
     assert image.body_index is not None
     images = image.depth.copy(), image.body_index.copy()
     images[0][rows, columns] = round(1000 * depth)
@@ -1099,14 +1107,14 @@ def test_who_is_behind_something_is_not_told_to_check_the_calibration() -> None:
 
 
 def behind_a_counter(image: RgbdFrame, before: float = 0.3) -> RgbdFrame:
-    """The frame with a board that hides the legs, some metres before the hips."""
+    """Return the frame with a board before the legs, ``before`` metres nearer than the hips."""
     hips = image.skeletons[0].positions[[12, 16]].mean(axis=0)
     row = round(KINECT.cy + KINECT.fy * float(hips[1] / hips[2]))
     return behind(image, slice(row, None), slice(None), float(hips[2]) - before)
 
 
 def without_depth_below(image: RgbdFrame, row: int) -> RgbdFrame:
-    """The frame of a camera that measures nothing below a row, as on black trousers."""
+    """Return the frame without depth below a row, as on black trousers."""
     assert image.body_index is not None
     depth, index = image.depth.copy(), image.body_index.copy()
     depth[row:], index[row:] = 0, 255
@@ -1114,7 +1122,7 @@ def without_depth_below(image: RgbdFrame, row: int) -> RgbdFrame:
 
 
 def test_trousers_without_depth_leave_an_arm_as_it_is() -> None:
-    """Every frame was `calibration`, as the tracked joints of the legs lay on no pixel."""
+    """Tracked joints of legs that lie on no pixel are no reason of calibration."""
     pipeline, whole = PhantomPipeline("right_arm"), PhantomPipeline("right_arm")
     for number in range(8):
         image = seen(pose(), number, camera=KINECT)
@@ -1143,7 +1151,7 @@ def test_a_wrong_focal_length_is_named_without_the_legs(factor: float) -> None:
 
 
 def test_an_arm_is_as_it_is_behind_a_counter() -> None:
-    """The tracker calls the hidden legs tracked; a third of a metre is not much nearer."""
+    """A counter 0.3 m before legs that are called tracked does not affect an arm."""
     pipeline = PhantomPipeline("right_arm")
     for number in range(8):
         image = behind_a_counter(seen(pose(), number, camera=KINECT))
@@ -1175,7 +1183,7 @@ def test_a_real_person_s_trousers_without_depth(trial: str, realdata: RealData) 
 
 
 def test_a_fast_hand_lies_on_its_pixels_at_few_frames_a_second() -> None:
-    """Joints as measured: smoothed ones were behind the hand, and fitted as little as 0.79."""
+    """The fit is measured with unsmoothed joints; smoothed ones lag, with fits down to 0.79."""
     people = BodySimulator(
         motion="arm-raise", amputated="right_arm", color="none", room=False, seed=3
     )
@@ -1206,7 +1214,7 @@ def test_a_foot_behind_something_tells_no_height() -> None:
 
 
 def hidden_at(skeleton: Skeleton, bones: tuple[int, ...]) -> RgbdFrame:
-    """The pixels of some bones are nobody's, as behind a bar."""
+    """Return a frame in which the pixels of some bones belong to nobody, as behind a bar."""
     image = frame(skeleton, KINECT, without=ARM)
     _, label = render(skeleton, KINECT, without=ARM)
     assert image.body_index is not None
@@ -1231,7 +1239,7 @@ def test_a_forearm_that_floats_is_not_tracking() -> None:
 
 
 def test_an_arm_that_its_joints_miss_is_not_tracking() -> None:
-    """The forearm is held up, and the tracker tells it folded onto the upper arm."""
+    """A raised forearm whose joints lie folded on the upper arm is not in the state tracking."""
     up = {"ElbowLeft": (0.42, 0.42, 0.0), "WristLeft": (0.45, 0.67, 0.0)}
     up |= {"HandLeft": (0.45, 0.75, 0.0), "HandTipLeft": (0.45, 0.83, 0.0)}
     up |= {"ThumbLeft": (0.42, 0.75, 0.0)}
@@ -1251,7 +1259,7 @@ def test_an_arm_that_its_joints_miss_is_not_tracking() -> None:
 
 
 def test_a_phantom_beyond_the_border_of_the_image_is_not_tracking() -> None:
-    """The patient stands at the border of the image, on the side of the missing arm."""
+    """A phantom outside of the image, of a patient at its border, is not in the state tracking."""
     near = once(frame(pose(at=(-1.0, 0.0, 2.44)), KINECT, without=ARM))
     assert near.state is PhantomState.TRACKING
     assert near.quality.outside == 0.0
@@ -1273,7 +1281,7 @@ def test_a_phantom_beyond_the_border_of_the_image_is_not_tracking() -> None:
     ("limb", "parts"), [("right_arm", ("Hand", "HandTip", "Thumb")), ("right_leg", ("Foot",))]
 )
 def test_trackers_without_joints_of_hands_and_feet(limb: Limb, parts: tuple[str, ...]) -> None:
-    """The phantom lasts, unlike after joints that were known before."""
+    """A tracker without these joints gives a phantom; joints that are lost later do not."""
     none = tuple(part + side for part in parts for side in ("Left", "Right"))
     pipeline = PhantomPipeline(limb)
     known = PhantomPipeline(limb)
@@ -1316,7 +1324,7 @@ def test_textures_belong_to_their_frames() -> None:
 
 
 def test_a_knee_told_beside_the_leg_does_not_cut_the_other_one() -> None:
-    """Knees close together, both told 8 cm to the side of the intact leg: it stays whole."""
+    """The intact leg stays whole if both knees are told 8 cm to its side."""
     moved = {}
     for side, sign in (("Left", 1), ("Right", -1)):
         moved[f"Knee{side}"] = (0.085 * sign, -0.48, -0.01)
@@ -1331,7 +1339,7 @@ def test_a_knee_told_beside_the_leg_does_not_cut_the_other_one() -> None:
 
 
 def test_a_seat_between_the_thighs_stays() -> None:
-    """It is nearest to the leg that is taken out, and yet none of its flesh."""
+    """A seat stays, although it is nearest to the leg that is taken out."""
     seated = {}
     for side, sign in (("Left", 1), ("Right", -1)):
         seated[f"Knee{side}"] = (0.24 * sign, -0.10, -0.42)
@@ -1353,7 +1361,7 @@ def test_a_seat_between_the_thighs_stays() -> None:
 
 
 def test_a_forearm_that_the_tracker_does_not_see_goes_with_the_arm() -> None:
-    """It is nobody's flesh by the joints, but hangs on nothing else than what was taken out."""
+    """A forearm without joints is taken out, because it is attached to nothing but the arm."""
     aside = {"ElbowRight": (-0.42, 0.42, 0.0), "WristRight": (-0.66, 0.42, 0.0),
              "HandRight": (-0.74, 0.42, 0.0), "HandTipRight": (-0.80, 0.42, 0.0),
              "ThumbRight": (-0.74, 0.45, 0.0)}  # fmt: skip
@@ -1369,7 +1377,7 @@ def test_a_forearm_that_the_tracker_does_not_see_goes_with_the_arm() -> None:
 
 
 def test_an_arm_before_the_chest_leaves_no_slot() -> None:
-    """What it hid is filled from the trunk's other side, at the trunk's depth."""
+    """The part of the chest behind the arm is filled from the trunk's other side, at its depth."""
     before = {"ElbowRight": (-0.24, 0.22, -0.10), "WristRight": (-0.13, 0.16, -0.24),
               "HandRight": (-0.10, 0.14, -0.25), "HandTipRight": (-0.08, 0.12, -0.25),
               "ThumbRight": (-0.10, 0.16, -0.25)}  # fmt: skip
@@ -1417,7 +1425,7 @@ def test_results_outlive_their_pipeline() -> None:
 
 
 def test_the_border_of_the_phantom_does_not_flicker() -> None:
-    """Pixels that show the phantom in the frames before and after show it; 3.9 % of them did not.
+    """Less than 2 % of the phantom's pixels vanish for a single frame; 3.9 % once did.
 
     The joints of a Kinect V2 jitter while the person stands still.
     """
@@ -1450,7 +1458,7 @@ def test_the_border_of_the_phantom_does_not_flicker() -> None:
     ],
 )
 def test_a_stout_person_is_no_person_with_a_limb_too_many(limb: Limb, motion: str) -> None:
-    """The flank of a trunk that is half as thick again was called the arm that was taken out."""
+    """The flank of a thick trunk is not taken for the arm that was taken out."""
     people = BodySimulator(
         motion=motion, amputated=limb, girth=1.5, color="none", frames=40, rate=10.0, seed=3,
         jitter=0.01,
@@ -1463,7 +1471,7 @@ def test_a_stout_person_is_no_person_with_a_limb_too_many(limb: Limb, motion: st
 
 
 def test_a_new_patient_is_measured_anew() -> None:
-    """A slim person after a stout one has the picture of one who came first."""
+    """After a reset, a slim person has the same labels as with a new pipeline."""
 
     def first(girth: float) -> RgbdFrame:
         return next(iter(BodySimulator(amputated="right_arm", girth=girth, color="none", frames=1)))

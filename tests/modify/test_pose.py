@@ -1,4 +1,4 @@
-"""Landmarks of a picture become joints in space; MediaPipe finds the people there are."""
+"""Landmarks of a picture become joints in space; MediaPipe finds people in pictures."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def test_a_joint_lies_behind_the_skin_on_its_line_of_sight() -> None:
 
 
 def test_the_line_of_sight_is_that_of_the_lens() -> None:
-    """Without the distortion, pixel (470, 380) of this lens is 34 mm off at 3.5 metres."""
+    """Lifting undoes lens distortion, by which pixel (470, 380) is 34 mm off at 3.5 metres."""
     lens = manip3d.Intrinsics(
         512, 424, 365.0, 365.0, 256.0, 210.0, distortion=(0.1, -0.27, 0.0, 0.0, 0.1)
     )
@@ -76,7 +76,7 @@ def test_the_line_of_sight_is_that_of_the_lens() -> None:
 
 
 class Landmarks:
-    """As MediaPipe gives them: all at one place of the picture."""
+    """A result of MediaPipe with all landmarks at one place of the picture."""
 
     def __init__(self, x: float, y: float) -> None:
         mark = types.SimpleNamespace(x=x, y=y, z=0.0, visibility=1.0)
@@ -89,7 +89,7 @@ class Landmarks:
 def test_colour_may_have_a_camera_of_its_own(
     width: int, height: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A colour camera 10 cm aside and turned by 5 degrees: joints lie where the depth camera is."""
+    """Joints are in the depth camera's axes; the colour camera is 10 cm aside and turned."""
     angle = np.deg2rad(5.0)
     turn = np.array(
         [[np.cos(angle), 0, np.sin(angle)], [0, 1, 0], [-np.sin(angle), 0, np.cos(angle)]]
@@ -119,7 +119,7 @@ def test_colour_may_have_a_camera_of_its_own(
 
 
 def test_the_colour_camera_s_depth_by_brute_force() -> None:
-    """Each measured pixel carried over by itself; the nearest of those that meet remains."""
+    """Each measured pixel is projected by itself, and the nearest one at each pixel is kept."""
     random = np.random.default_rng(5)
     depth = random.integers(1500, 2500, (48, 64)).astype(np.uint16)
     depth[random.random((48, 64)) < 0.2] = 0
@@ -165,7 +165,7 @@ def test_the_colour_camera_s_depth_by_brute_force() -> None:
 
 
 def test_a_small_picture_is_not_blown_up() -> None:
-    """A colour camera with a longer focal length sees its part in pixels as wide as the depth's."""
+    """The depth under a larger colour image keeps the resolution of the depth camera."""
     color = manip3d.Intrinsics(640, 400, 500.0, 500.0, 319.5, 199.5)
     registration = manip3d.Registration(color, np.eye(3), np.zeros(3))
     frame = manip3d.RgbdFrame(
@@ -179,7 +179,7 @@ def test_a_small_picture_is_not_blown_up() -> None:
 
 
 class Found:
-    """As MediaPipe gives them: each landmark at a place of its own."""
+    """A result of MediaPipe with each landmark at a place of its own."""
 
     def __init__(self, pixels: np.ndarray, visibility: np.ndarray) -> None:
         at = (pixels + 0.5) / (64, 48)

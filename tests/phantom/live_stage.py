@@ -27,7 +27,7 @@ SECONDS = 30.0
 
 
 class Stage:
-    """A session, its server and a page of it, in lock-step: each frame is shown before the next."""
+    """A session with its server; each frame is shown by the page before the next one is sent."""
 
     def __init__(
         self,
@@ -51,13 +51,13 @@ class Stage:
             self.heard.append(name)
 
     def disconnect(self) -> None:
-        """All streams end, as when a network is gone for a moment."""
+        """End all streams, as a network does that fails for a moment."""
         assert self.server._loop is not None
         for _, stream in tuple(self.server._clients.values()):
             asyncio.run_coroutine_threadsafe(stream.close(), self.server._loop)
 
     def show(self, count: int) -> None:
-        """Frames that the page has decoded, each."""
+        """Send frames, and wait after each one until the page has decoded it."""
         for _ in range(count):
             captured = time.time_ns()
             sequence = self.session.sequence
@@ -83,7 +83,7 @@ def press(tab: _chromium.Tab, key: str) -> None:
 
 
 def type_key(tab: _chromium.Tab, key: str, code: int, text: str = "") -> None:
-    """A key of the keyboard, as the browser gets it; ``press`` tells the page of one."""
+    """Type a key into the browser; ``press`` only dispatches an event to the page."""
     about = {"key": key, "code": key, "windowsVirtualKeyCode": code}
     tab.send("Input.dispatchKeyEvent", type="keyDown", text=text, **about)
     tab.send("Input.dispatchKeyEvent", type="keyUp", **about)
@@ -102,7 +102,7 @@ def text_of(tab: _chromium.Tab, selector: str) -> str:
 
 
 def keep_picture(tab: _chromium.Tab, name: str) -> None:
-    """For people, where they ask for it."""
+    """Save a screenshot for people if MANIP3D_PICTURES names a folder."""
     folder = os.environ.get("MANIP3D_PICTURES")
     if folder:
         content = base64.b64decode(tab.send("Page.captureScreenshot", format="png")["data"])
@@ -112,7 +112,7 @@ def keep_picture(tab: _chromium.Tab, name: str) -> None:
 def screenshot(tab: _chromium.Tab) -> NDArray[np.int16]:
     from PIL import Image
 
-    # What was asked for is drawn with the next picture but one.
+    # The page draws earlier commands with the next picture but one.
     tab.evaluate("new Promise(d => requestAnimationFrame(() => requestAnimationFrame(d)))")
     content = base64.b64decode(tab.send("Page.captureScreenshot", format="png")["data"])
     with Image.open(io.BytesIO(content)) as image:

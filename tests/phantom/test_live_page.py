@@ -46,7 +46,7 @@ def stage() -> Iterator[Stage]:
 
 
 def test_an_empty_message_does_not_indent_what_follows(chromium: None, stage: Stage) -> None:
-    """On a page as narrow as a phone's the row of questions wraps after its first message."""
+    """On a page as narrow as a phone, wrapped questions start at the same column."""
     lefts = "['rating', 'unwell'].map((id) => document.getElementById(id).offsetLeft)"
     with _chromium.open_address(stage.server.new_url(), (390, 900)) as tab:
         wait_for(lambda: stage.server.num_clients == 1)
@@ -85,7 +85,7 @@ def test_the_page_gets_pictures_at_an_ipv6_address(chromium: None) -> None:
 
 @pytest.mark.parametrize("limb", ["right_arm", "right_leg"])
 def test_the_card_leaves_the_limb_in_view_on_a_phone(chromium: None, limb: str) -> None:
-    """The card about a game that waits or is paused: below the arms, above the legs."""
+    """The card of a waiting or paused game is below the arms, or above the legs."""
     pytest.importorskip("open3d", reason="the extra 'simulate' is not installed")
     from manip3d.simulate.sources import open_source
 
@@ -220,7 +220,7 @@ def test_games_for_feet_are_played_with_the_phantom_leg(
 
 
 def test_a_played_game_and_the_pain_are_in_the_diary(chromium: None, tmp_path: Path) -> None:
-    """From the page to the file, and to FHIR; pain that rises by 2 ends the play."""
+    """Game and pain reach the diary and its FHIR export; pain that rises by 2 ends the play."""
     pytest.importorskip("open3d", reason="the extra 'simulate' is not installed")
     pytest.importorskip("sqlalchemy", reason="the extra 'diary' is not installed")
     from manip3d.diary import Diary, fhir_bundle
@@ -281,7 +281,7 @@ def test_a_played_game_and_the_pain_are_in_the_diary(chromium: None, tmp_path: P
 
 
 def phone_or_desktop(tab: _chromium.Tab, width: int) -> None:
-    """Windows of Chromium are never narrower than 500 pixels, what it emulates is."""
+    """Emulate a screen of this width, since windows of Chromium are at least 500 pixels wide."""
     tab.send(
         "Emulation.setDeviceMetricsOverride",
         width=width,
@@ -294,7 +294,7 @@ def phone_or_desktop(tab: _chromium.Tab, width: int) -> None:
 
 @pytest.mark.parametrize("width", [390, pytest.param(1280, marks=pytest.mark.slow)])
 def test_set_up_touch_and_hazards_on_the_page(chromium: None, tmp_path: Path, width: int) -> None:
-    """What a therapist does before and beside the games, and what the diary keeps of it."""
+    """The diary keeps set-up, touch cue and hazards that a therapist enters on the page."""
     pytest.importorskip("open3d", reason="the extra 'simulate' is not installed")
     pytest.importorskip("sqlalchemy", reason="the extra 'diary' is not installed")
     from manip3d.diary import Diary
@@ -412,7 +412,7 @@ def test_set_up_touch_and_hazards_on_the_page(chromium: None, tmp_path: Path, wi
 
 
 def test_what_the_patient_says_is_said_on_purpose(chromium: None, tmp_path: Path) -> None:
-    """Ratings by keyboard, sickness, the end of a session, and the questions after a reload."""
+    """Ratings, sickness and the end of a session need deliberate input, also after a reload."""
     pytest.importorskip("sqlalchemy", reason="the extra 'diary' is not installed")
     from manip3d.diary import Diary
     from manip3d.phantom._diary import DiaryRecorder
@@ -537,7 +537,7 @@ def test_what_the_patient_says_is_said_on_purpose(chromium: None, tmp_path: Path
 
 
 def test_a_second_screen_joins_by_a_short_code(chromium: None) -> None:
-    """A headset's keyboard is no place for a long address; nor is there one after the first."""
+    """A second screen joins by a short code, since long addresses are hard to type in a headset."""
     frames = iter([capsule_body.painted(number) for number in range(8)])
     stage = Stage(frames)
 

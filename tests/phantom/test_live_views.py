@@ -1,4 +1,4 @@
-"""The live page side by side, from one's own eyes, and in a headset (iwer's emulator of WebXR)."""
+"""Views of the live page: side by side, first person, and in an emulated headset (iwer)."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def test_side_by_side_shows_two_pictures_that_differ_by_the_eyes(stage: Stage) -
         assert drawn[0].sum() > 8_000  # a person in each half
         assert drawn[1].sum() == pytest.approx(drawn[0].sum(), rel=0.05)
         assert (left != right).any()
-        # What is nearer than the screen lies further left for the right eye, by pixels and no more.
+        # Parallax between the eyes is a few pixels only.
         columns = [np.nonzero(half)[1].mean() for half in drawn]
         assert abs(columns[0] - columns[1]) < 12
         press(tab, "d")
@@ -87,7 +87,7 @@ def test_from_ones_own_eyes_what_the_camera_cannot_see_is_hatched(stage: Stage) 
 
 
 def test_the_view_goes_along_when_another_vertical_is_measured(chromium: None) -> None:
-    """A seated person tells the vertical by half of the tilt, then a floor is seen."""
+    """The view stays in place when the floor corrects the vertical of a seated person."""
     pytest.importorskip("open3d", reason="the extra 'simulate' is not installed")
     from manip3d.simulate import BodySimulator
 
@@ -102,7 +102,7 @@ def test_the_view_goes_along_when_another_vertical_is_measured(chromium: None) -
     stage = Stage(iter([*bare[:4], *room[4:8]]))
 
     def seen() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """The vertical, and the way from the middle of the person to the viewer's eye."""
+        """Return the vertical, and the vector from the middle of the person to the viewer's eye."""
         told = json.loads(tab.evaluate("JSON.stringify(manip3dLive.status())"))
         middle = np.array(told["joints"][1]) * (0.0, -1.0, -1.0)  # as the scene has it
         return np.array(told["down"]), np.array(tab.evaluate("manip3dLive.eye()")) - middle
@@ -124,7 +124,7 @@ def test_the_view_goes_along_when_another_vertical_is_measured(chromium: None) -
 
 
 def test_a_headset_on_the_network_gets_the_page_encrypted(chromium: None) -> None:
-    """At an address that is not loopback, where browsers know no WebXR without HTTPS."""
+    """HTTPS makes WebXR available at an address that is not loopback."""
     pytest.importorskip("cryptography", reason="the extra 'live' is not installed")
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as asked:
         try:
@@ -136,7 +136,7 @@ def test_a_headset_on_the_network_gets_the_page_encrypted(chromium: None) -> Non
     stage = Stage(frames, host=host, certificate=make_certificate(host))
     try:
         with _chromium.open_address("about:blank", (640, 480)) as tab:
-            # As somebody does who has compared the fingerprint.
+            # Accept the certificate, as a user does after comparing the fingerprint.
             tab.send("Security.setIgnoreCertificateErrors", ignore=True)
             tab.send("Page.navigate", url=stage.server.new_url())
             wait_for(lambda: stage.server.num_clients == 1)
@@ -165,7 +165,7 @@ device.position.set(0, 1.6, 0);
 
 
 def entered(tab: _chromium.Tab, url: str, stage: Stage) -> None:
-    """The page with an emulated headset, and into it."""
+    """Open the page with an emulated headset, and enter it."""
     tab.send("Page.addScriptToEvaluateOnNewDocument", source=EMULATOR.read_text() + DEVICE)
     tab.send("Page.navigate", url=url)
     wait_for(lambda: stage.server.num_clients == 1)
@@ -253,7 +253,7 @@ def test_a_bubble_is_burst_in_a_headset(stage: Stage) -> None:
 
 
 def test_a_headset_that_does_not_start_says_why(stage: Stage) -> None:
-    """The reason was overwritten by the next picture."""
+    """The reason stays on the page when the next pictures arrive."""
     refusing = (
         "Object.defineProperty(navigator, 'xr', {value: {isSessionSupported: async () => true, "
         "requestSession: async () => { throw new Error('it is in use'); }}})"
@@ -272,7 +272,7 @@ def test_a_headset_that_does_not_start_says_why(stage: Stage) -> None:
 
 
 def test_a_headset_that_shows_no_picture_is_let_go(stage: Stage) -> None:
-    """The session of the headset stayed open: it was dark, and could not be entered again."""
+    """A headset session that cannot draw is ended, so that it can be entered again."""
     useless = """
         class Session extends EventTarget {
           async end() {

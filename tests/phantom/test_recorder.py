@@ -1,4 +1,4 @@
-"""What a live session tells its diary: nobody waits for the disk, and nothing is lost silently."""
+"""The recorder of a live session never waits for the disk, and loses nothing silently."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def wait_for(condition: Callable[[], bool]) -> None:
 
 @contextlib.contextmanager
 def locked(path: Path) -> Iterator[None]:
-    """Another program writes and does not come to an end."""
+    """Lock the diary by another connection that writes and does not end."""
     with contextlib.closing(sqlite3.connect(path)) as other:
         other.execute("BEGIN IMMEDIATE")
         yield
@@ -139,7 +139,7 @@ def test_what_could_not_be_kept_is_told_at_the_end(
 
 
 class Camera:
-    """A person who moves; gives no end."""
+    """A camera that films a moving person without end."""
 
     number = 0
 
@@ -172,7 +172,7 @@ class Camera:
 def test_a_second_signal_at_the_end_cuts_the_waiting_and_not_the_report(
     path: Path, monkeypatch: pytest.MonkeyPatch, first: signal.Signals, second: signal.Signals
 ) -> None:
-    """Another program holds the diary; whoever waits for the end presses Ctrl-C again."""
+    """A second Ctrl-C while another program locks the diary ends the waiting only."""
     monkeypatch.setattr(capture, "open_rgbd", lambda *_, **__: Camera())
     monkeypatch.setattr(_recorder, "_END_S", 60.0)
     holder = contextlib.ExitStack()
@@ -280,7 +280,7 @@ def test_films_of_before_a_withdrawal_are_not_written_after_it(path: Path) -> No
 
 
 def test_what_is_said_is_kept_while_films_cannot_be_deleted(path: Path) -> None:
-    """Another program reads the diary, which keeps films from being deleted without remains."""
+    """A rating is kept while a reader of the diary keeps films from being deleted for good."""
     recorder = DiaryRecorder(path, "P01", None)
     recorder.start()
     recorder.game(summary(), [PICTURES])
@@ -348,7 +348,7 @@ def test_a_live_session_that_lost_something_says_so(monkeypatch: pytest.MonkeyPa
 
 
 class Nothing:
-    """A session, and a server, of which there is nothing to tell."""
+    """A session and a server without anything to log."""
 
     stage_ms: ClassVar[dict[str, float]] = {}
     summaries = ()
@@ -362,7 +362,7 @@ class Nothing:
 def test_a_full_disk_costs_lines_of_the_log_and_no_session(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """`/dev/full` refuses every byte; a disk may also take a part of a line."""
+    """A disk that takes no byte (`/dev/full`) or a part of a line costs that line only."""
     path, nothing = tmp_path / "log.jsonl", Nothing()
     for file in (Path("/dev/full"), path):
         with SessionLog(file) as log:

@@ -1,4 +1,4 @@
-"""A session without a browser: the same frames, commands and seed are the same game."""
+"""Sessions without a browser: equal frames, commands and seeds give equal games."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ from manip3d.rgbd import JOINTS, NOT_TRACKED, RgbdFrame
 
 @functools.cache
 def patient(count: int = 75) -> list[RgbdFrame]:
-    """The simulated amputee, with the noise of a tracker."""
+    """Return frames of the simulated amputee, with the noise of a tracker."""
     pytest.importorskip("open3d", reason="the extra 'simulate' is not installed")
     from manip3d.simulate import BodySimulator
     from manip3d.simulate.sources import open_source
@@ -112,7 +112,7 @@ def test_a_recording_may_begin_again() -> None:
 
 
 def test_a_lost_limb_pauses_the_game_and_punishes_nobody() -> None:
-    """The patient goes unseen for two seconds while bubbles rise."""
+    """Nothing in the game changes while the patient is not seen for two seconds."""
     session = LiveSession("right_arm")
     session.command("ready")
     frames = patient()
@@ -143,7 +143,7 @@ def test_a_lost_limb_pauses_the_game_and_punishes_nobody() -> None:
 
 
 def test_too_few_pictures_a_second_pause_the_game() -> None:
-    """A third of a second between two pictures: what the hands did there is not known."""
+    """The game is paused at 3 pictures per second, since motion between them is unknown."""
     session = LiveSession("right_arm")
     session.command("ready")
     slow = [
@@ -347,7 +347,7 @@ def test_a_notice_is_a_frame_with_words() -> None:
 
 
 class Heard:
-    """A diary that remembers."""
+    """A recorder that keeps everything in lists."""
 
     def __init__(self) -> None:
         self.games: list[GameSummary] = []
@@ -407,7 +407,7 @@ class Heard:
 
 
 def recorded(path: Path, **options: Any) -> DiaryRecorder:
-    """A session of P01 in a diary that is made where there is none."""
+    """Return a recorder for P01, with a new diary if there is none."""
     pytest.importorskip("sqlalchemy", reason="the extra 'diary' is not installed")
     from manip3d.diary import Diary
 
@@ -444,7 +444,7 @@ def test_pain_that_rises_during_the_first_game_ends_the_play(tmp_path: Path) -> 
 
 
 def test_no_game_starts_before_a_rating_nor_after_a_stop_of_the_same_day(tmp_path: Path) -> None:
-    """Without a rating nothing could be compared; a new program is no new day."""
+    """A rating is needed for later comparisons; a stop also holds in a program started again."""
     path = tmp_path / "study.diary"
     recorder = recorded(path)
     session = LiveSession("right_arm", recorder=recorder)
@@ -504,7 +504,7 @@ def test_what_is_said_again_after_a_lost_answer_is_taken_once() -> None:
 
 
 def test_a_page_is_answered_at_once_and_again_when_it_is_kept() -> None:
-    """However long the disk takes, connections that are lost meanwhile cost no attempt."""
+    """The page learns at once that a message was taken, and later that it is on disk."""
     said: list[dict[str, int]] = []
     client: Any = SimpleNamespace(say=lambda text: said.append(json.loads(text)))
     session = LiveSession("right_arm", recorder=Heard())
@@ -550,7 +550,7 @@ def test_events_are_told_for_a_second_and_counted() -> None:
 
 @pytest.mark.parametrize("consents", [True, False])
 def test_an_anomaly_is_filmed_from_five_seconds_before_it(consents: bool) -> None:
-    """Bubbles rise before the legs of somebody who moves their arms only."""
+    """The film of an anomaly begins five seconds before it, if the patient consents."""
     from PIL import Image
 
     heard = Heard()
@@ -611,7 +611,7 @@ def test_consent_that_is_taken_back_for_a_moment_takes_earlier_films_with_it() -
 
 
 def test_from_the_camera_to_film_diary_and_fhir(tmp_path: Path) -> None:
-    """The simulated amputee scores with one game and not with another; what is kept of both."""
+    """The diary and its FHIR export keep a game with points and one without."""
     pytest.importorskip("sqlalchemy", reason="the extra 'diary' is not installed")
     from PIL import Image
 
@@ -703,7 +703,7 @@ def test_pictures_older_than_five_seconds_are_let_go() -> None:
 
 def test_enhanced_joints_turn_further_and_the_summary_says_so() -> None:
     def hand(session: LiveSession) -> float:
-        """How high the phantom hand is over its shoulder."""
+        """Return the height of the phantom hand above its shoulder."""
         joints = play(session, patient()[:60])[-1].status["joints"]
         return float(joints[8][1] - joints[11][1])
 

@@ -1,4 +1,4 @@
-"""Before a session and beside the games: placement, measures, the touch cue, the felt limb."""
+"""Set-up and extras of a session: placement, measures, the touch cue and the felt limb."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def body() -> Skeleton:
 
 
 def moved(body: Skeleton, shift: tuple[float, float, float], turn: float = 0.0) -> Skeleton:
-    """Somewhere else, turned about the vertical by degrees."""
+    """Return the person at another place, turned about the vertical by degrees."""
     middle = body.positions[0]
     angle = np.radians(turn)
     spin = np.array(
@@ -131,7 +131,7 @@ def test_touches_are_seen_and_felt_at_once_or_not() -> None:
     assert len(together) > 25
     assert all(t.felt == t.seen for t in together)
     assert all(0.5 <= t.felt - t.seen <= 0.9 for t in apart)
-    # What is felt never falls into a touch that is seen.
+    # A felt touch must never coincide with a seen one.
     for touch in apart:
         assert not any(other.seen <= touch.felt < other.seen + TOUCH_S for other in apart)
     assert {t.joint for t in together} == {0, 1, 2}

@@ -1,4 +1,4 @@
-"""A sitting: who has had enough, what is kept at its end, and what holds on the next day."""
+"""Sittings: their end, the record that is kept, and the rules on the next day."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def wait_for(condition: Callable[[], bool]) -> None:
 
 
 class Sitting:
-    """A session of P01, frame by frame, with a clock of its own."""
+    """A session of P01 that runs frame by frame with a clock of its own."""
 
     def __init__(self, path: Path, patch: pytest.MonkeyPatch) -> None:
         self.path = path
@@ -65,7 +65,7 @@ class Sitting:
         self.recorder.start()
 
     def say(self, name: str, **fields: Any) -> dict[str, Any]:
-        """Return the page's text after somebody has said something."""
+        """Send a command; return the status that the page shows afterwards."""
         self.session.command(name, fields)
         return self.show(2)
 
@@ -159,7 +159,7 @@ def test_what_is_lost_is_not_kept_when_it_is_said_again(sitting: Sitting) -> Non
     done: list[str] = []
 
     def said(name: str, number: int, **fields: Any) -> None:
-        """Over a connection that is lost, and over the next one."""
+        """Send a command twice, as if the first connection was lost."""
         for _ in range(2):
             fields |= {"page": 1, "number": number}
             sitting.session.command(name, fields, done=lambda: done.append(f"{name} {number}"))
@@ -185,7 +185,7 @@ def test_what_is_lost_is_not_kept_when_it_is_said_again(sitting: Sitting) -> Non
 
 
 def test_no_touch_cue_before_a_rating(sitting: Sitting) -> None:
-    """Its rating would be one after the touch, and nothing could be compared with it."""
+    """A touch cue waits for a rating, so that the rating after it can be compared."""
     status = sitting.say("touch", mode="synchronous")
     assert (status["touch"], status["game"]["ask"]) == (None, RATE_FIRST)
     sitting.say("pain", value=3)
@@ -232,7 +232,7 @@ def test_two_sittings_of_a_day_are_two_sessions(sitting: Sitting) -> None:
 
 
 def test_the_closing_rating_cannot_be_left_out(sitting: Sitting) -> None:
-    """Pain that rose during play would else be the first rating of another session."""
+    """Pain that rose during play is rated in its own session, and stops the next one."""
     sitting.say("pain", value=3)
     sitting.say("ready")
     assert sitting.say("enough")["game"]["sitting"] == "ending"
@@ -251,7 +251,7 @@ def test_the_closing_rating_cannot_be_left_out(sitting: Sitting) -> None:
 
 
 def test_a_therapist_closes_a_session_without_a_rating(sitting: Sitting) -> None:
-    """The stop rule still compares with the first rating of the sitting that was closed so."""
+    """After that, the stop rule still compares with the first rating of the closed sitting."""
     assert sitting.say("unanswered")["game"]["sitting"] == "open"  # nothing was asked yet
     sitting.say("pain", value=3)
     sitting.say("ready")
@@ -270,7 +270,7 @@ def test_a_therapist_closes_a_session_without_a_rating(sitting: Sitting) -> None
 
 
 def test_a_program_that_ends_while_it_asks_got_no_answer(sitting: Sitting) -> None:
-    """The comparison goes on after a restart, also over one in which nothing was said."""
+    """After restarts, pain is compared with the first rating of the unanswered session."""
     sitting.say("pain", value=3)
     sitting.say("ready")
     sitting.say("enough")  # and Ctrl-C
@@ -309,7 +309,7 @@ def test_a_restart_compares_with_what_was_not_answered_today_only(sitting: Sitti
 
 @pytest.mark.parametrize("starts_again", [False, True])
 def test_midnight_does_not_switch_the_stop_rule_off(sitting: Sitting, starts_again: bool) -> None:
-    """Who did not answer at midnight and goes on at once is asked against the first rating."""
+    """Pain after midnight is compared with the first rating, if the closing one is missing."""
     sitting.now = sitting.now.replace(hour=22, minute=40)
     sitting.say("pain", value=3)
     sitting.now += timedelta(minutes=70)
@@ -329,7 +329,7 @@ def test_midnight_does_not_switch_the_stop_rule_off(sitting: Sitting, starts_aga
 def test_a_program_that_stops_in_a_game_does_not_switch_the_stop_rule_off(
     sitting: Sitting, is_killed: bool
 ) -> None:
-    """Ctrl-C, a crash, a battery: nobody asked whether the pain rose, and the next start asks."""
+    """After an end in a game without a rating, the next start compares with the first rating."""
     sitting.say("pain", value=3)
     assert sitting.say("ready")["game"]["phase"] == "playing"
     wait_for(lambda: sitting.recorder._diary.sessions("P01")[0].begun is not None)
@@ -354,7 +354,7 @@ def test_a_program_that_stops_before_any_game_leaves_nothing_to_compare_with(
 
 
 def test_a_participant_has_one_live_session_at_a_time(sitting: Sitting) -> None:
-    """A second one would not compare the pain with what was said in the first."""
+    """A second session is refused, since it would not know the ratings of the first."""
     sitting.say("pain", value=3)
     with Diary(sitting.path) as diary:
         diary.enrol("P02")
@@ -391,7 +391,7 @@ def test_a_killed_session_lets_the_next_one_begin(tmp_path: Path) -> None:
 def test_a_rating_that_stops_is_kept_once_and_with_its_reason(
     sitting: Sitting, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The disk is full while the second row of a rating is written."""
+    """A full disk during the second row of a rating leaves both rows once in the diary."""
     sitting.say("pain", value=3)
     sitting.say("enough")
     sitting.say("unanswered")
@@ -439,7 +439,7 @@ def test_midnight_within_a_sitting_ends_no_stop(sitting: Sitting) -> None:
 
 
 def test_a_stop_and_a_baseline_hold_for_their_day(sitting: Sitting) -> None:
-    """The program runs on over night, and over midnight during play."""
+    """A stop and a first rating hold for one day, although the program runs over night."""
     sitting.now = sitting.now.replace(hour=23, minute=50)
     sitting.say("pain", value=3)
     sitting.say("ready")

@@ -119,36 +119,36 @@ COMPANIONS = {
     "scan and its picture": "a.bin.png",
     "forgery and its truth": "a.bin.truth.json",
 }
-"""The second file of each pair: what it tells is of the first file beside it."""
+"""The second file of each pair, which describes the first one."""
 
 
 def contents(folder: Path) -> dict[str, object]:
-    """All files, by name."""
+    """Return the content of all files by name."""
     files = (path for path in sorted(folder.rglob("*")) if path.is_file())
     return {str(path.relative_to(folder)): path.read_bytes() for path in files}
 
 
 def gltf(folder: Path) -> dict[str, object]:
-    """The mesh: buffers that an old file may name stay beside it under other names."""
+    """Return the mesh only: older buffers stay beside it, as an old file may name them."""
     return {"a.gltf": kernels.hash_of(io.read_mesh(folder / "a.gltf").replace(source=None))}
 
 
 def e57(folder: Path) -> dict[str, object]:
-    """The points: each file has an identifier of its own."""
+    """Return the points only, since each file has a new identifier."""
     return {"a.e57": io.read_scan(folder / "a.e57").points.tobytes()}
 
 
 LOOKS: dict[str, Callable[[Path], dict[str, object]]] = {".gltf": gltf, ".e57": e57}
-"""How to look at what a writer leaves, where bytes differ from write to write."""
+"""Functions that compare results of writers whose bytes differ from write to write."""
 
 
 def is_ours(name: str) -> bool:
-    """Whether it is a temporary name of a writer."""
+    """Whether a name is a temporary one of a writer."""
     return any(part.startswith(".manip3d-") for part in Path(name).parts)
 
 
 def killed(write: Write, folder: Path, seconds: float) -> None:
-    """Write in a child process, which is killed after so long."""
+    """Write in a child process that is killed after so many seconds."""
     child = os.fork()
     if child == 0:
         try:
@@ -164,26 +164,26 @@ def killed(write: Write, folder: Path, seconds: float) -> None:
 
 
 def whole(name: str, which: int) -> dict[str, object]:
-    """What an undisturbed writer leaves."""
+    """Return the result of an undisturbed writer."""
     with tempfile.TemporaryDirectory() as place:
         WRITERS[name](Path(place), which)
         return look(name, Path(place))
 
 
 def look(name: str, folder: Path) -> dict[str, object]:
-    """What is there under the names of results."""
+    """Return the results of a writer in a folder, without its temporary files."""
     if name in LOOKS:
         return LOOKS[name](folder)
     return {file: data for file, data in contents(folder).items() if not is_ours(file)}
 
 
 def left_by(folder: Path) -> int:
-    """How many temporary files and folders are there."""
+    """Count temporary files and folders."""
     return sum(path.name.startswith(".manip3d-") for path in folder.rglob("*"))
 
 
 def torn_and_left(name: str, kills: int) -> tuple[int, int]:
-    """Torn or missing files, and temporary files that outlive the next write."""
+    """Count torn or missing files, and temporary files that outlive the next write."""
     write, chance = WRITERS[name], random.Random(name)
     expected = [whole(name, 0), whole(name, 1)]
     begin = time.perf_counter()

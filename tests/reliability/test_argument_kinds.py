@@ -1,4 +1,4 @@
-"""Arguments of wrong kinds: an `InputError` that names the argument, from every public function."""
+"""Every public function refuses arguments of wrong kinds by an `InputError` that names them."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ WRONG: dict[str, object] = {
 
 
 USELESS = ("object", "class", "set", "complex", "ragged", "objects", "complex array", "dates")
-"""What no argument accepts."""
+"""Kinds of values that no argument accepts."""
 
 CHOICES = {
     name
@@ -71,7 +71,7 @@ def takes_a_choice(function: Callable[..., Any], name: str) -> bool:
 
 @contextmanager
 def recorded(package: Any, name: str) -> Iterator[list[dict[str, Any]]]:
-    """Arguments of the calls of a function of a package, by name."""
+    """Record the arguments, by name, of calls of a function of a package."""
     function, calls = getattr(package, name), []
     signature = inspect.signature(function)
 
@@ -112,7 +112,7 @@ def test_kernels(name: str) -> None:
 
 
 def drive(function: Callable[..., Any], arguments: dict[str, Any]) -> None:
-    """Call with each argument replaced by each wrong thing."""
+    """Call a function with each argument replaced by each wrong value."""
     problems = []
     for name in arguments:
         for kind, wrong in WRONG.items():
@@ -254,7 +254,7 @@ OTHERS: dict[str, dict[str, Any]] = {
 
 @pytest.mark.parametrize("name", OTHERS)
 def test_other_functions(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Whatever comes: a result, our error, or one of the system (a file that is not there)."""
+    """Wrong values give a result, an error of ours, or an OSError, and no other exception."""
     monkeypatch.chdir(tmp_path)
     package, _, function_name = name.partition(".")
     function = getattr(importlib.import_module(f"manip3d.{package}"), function_name)
@@ -274,7 +274,7 @@ def test_other_functions(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPa
 
 
 def test_sources() -> None:
-    """Refused before anything is waited for."""
+    """A wrong timeout is refused before the source waits for anything."""
     live = capture.open_lidar("velodyne:0")
     try:
         for read in (live.read, live.read_latest, capture.from_frames([PERSON]).read):

@@ -1,4 +1,4 @@
-"""Every public kernel and every object with state from eight threads at a time."""
+"""Every public kernel and every object with state is called from eight threads at a time."""
 
 from __future__ import annotations
 
@@ -42,12 +42,12 @@ LONG_S = 60.0
 
 @pytest.fixture
 def nightly(request: pytest.FixtureRequest) -> bool:
-    """Chosen by ``--hypothesis-profile=nightly``."""
+    """Whether ``--hypothesis-profile=nightly`` was chosen."""
     return bool(request.config.getoption("--hypothesis-profile") == "nightly")
 
 
 def in_threads(jobs: Sequence[Callable[[], Any]]) -> list[Any]:
-    """Results of jobs that begin at the same time, each in a thread of its own."""
+    """Run jobs at the same time, each in a thread of its own; return their results."""
     gate = threading.Barrier(len(jobs))
 
     def run(job: Callable[[], Any]) -> Any:
@@ -66,7 +66,7 @@ def test_every_public_kernel_is_here() -> None:
 
 
 def test_kernels_give_the_same_from_any_thread(nightly: bool) -> None:
-    """Ten thousand calls at night."""
+    """Results do not depend on the thread; ten thousand calls are made in the nightly run."""
     expected = {name: kernels.hash_of(kernel(1)) for name, kernel in kernels.KERNELS.items()}
     rounds = -(-10_000 // (THREADS * len(expected))) if nightly else 1
 
@@ -86,7 +86,7 @@ def test_kernels_give_the_same_from_any_thread(nightly: bool) -> None:
 
 
 def serial_results(make: Callable[[], Any], calls: Sequence[Callable[[Any], object]]) -> set[Any]:
-    """What the calls return, in all orders."""
+    """Return the results of the calls for every order in which they can be made."""
     found = set()
     for order in itertools.permutations(range(len(calls))):
         target = make()
@@ -98,7 +98,7 @@ def serial_results(make: Callable[[], Any], calls: Sequence[Callable[[Any], obje
 def check_serial(
     make: Callable[[], Any], calls: Sequence[Callable[[Any], object]], trials: int
 ) -> None:
-    """Calls at the same time return what they would in some order, one after the other."""
+    """Check that simultaneous calls return the same as in some serial order."""
     allowed = serial_results(make, calls)
     for _ in range(trials):
         target = make()
@@ -137,7 +137,7 @@ def tables(i: int) -> Callable[[Any], object]:
 
 
 def signed_frames() -> list[authenticate.Watermarked]:
-    """Three frames of one session, each embedded after the other."""
+    """Return three frames of one session, embedded one after the other."""
     marker = authenticate.Watermarker(KEY)
     return [marker.embed(grid_scan(900, seed=seed)) for seed in range(3)]
 
@@ -250,7 +250,7 @@ def test_results_are_those_of_some_serial_order(name: str, nightly: bool) -> Non
 
 
 def test_every_object_of_the_core_with_state_is_here() -> None:
-    """Whoever adds one finds this test; the others are options and enums."""
+    """A new class of the core must be listed here, unless it is an enum or holds options."""
     stateful = {"ArrayPool", "Cs3Runner", "DepthSmoother", "JointSmoother", "KeyPerson",
                 "PlacementEstimator", "PhantomPipeline", "ColliderTracker", "ReliefSolver",
                 "RgbdRecorder", "RgbdSource", "ShoeCoverTracker", "VelodynePcapSource",
@@ -271,7 +271,7 @@ def test_an_object_cannot_be_used_from_within_itself() -> None:
     frame = PEOPLE[0]
 
     class Hostile:
-        """Frames whose people are made while the pipeline looks at them."""
+        """People that reset the pipeline while it iterates over them."""
 
         def __iter__(self) -> Iterator[Any]:
             pipeline._core.reset()
@@ -296,7 +296,7 @@ def test_an_object_cannot_be_used_from_within_itself() -> None:
 
 
 def read_all(source: Any) -> list[Any]:
-    """What is left of it; to iterate over it would begin a recording that has ended anew."""
+    """Read the remaining frames; iteration would begin an ended recording anew."""
     return list(iter(source.read, None))
 
 
@@ -308,7 +308,7 @@ def recording(tmp_path: Path) -> tuple[Path, list[RgbdFrame]]:
 
 
 def check_shared_out(source: Any, expected: Counter[int], number: Callable[[Any], int]) -> None:
-    """Each frame goes to one of the readers, in order."""
+    """Check that each frame goes to exactly one reader, in order."""
     parts = in_threads([lambda: read_all(source)] * THREADS)
     numbers = [[number(frame) for frame in part] for part in parts]
     assert all(part == sorted(part) for part in numbers)
@@ -374,7 +374,7 @@ def test_stop_ends_a_read_that_waits(stoppers: int) -> None:
 
 
 def test_live_packets_from_many_threads() -> None:
-    """Started, read, counted and stopped by whoever comes; nothing breaks and it can go on."""
+    """Threads may start, read and stop a live source at any time, and it can go on afterwards."""
     source = capture.open_lidar("velodyne:0", model="vlp16")
     packets = velodyne_packets.whole_recording("vlp16")
     done = threading.Event()

@@ -1,4 +1,4 @@
-"""A client of `LocalServer` that says exactly what it is told to, right or wrong."""
+"""A client of `LocalServer` that sends exactly the given bytes, valid or not."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ def connect(server: LocalServer) -> socket.socket:
 
 
 def trusting(pem: bytes) -> ssl.SSLContext:
-    """A client that trusts this certificate alone, for the address that it names."""
+    """Return a context that trusts this certificate alone, for the address that it names."""
     certificate = pem[pem.index(b"-----BEGIN CERTIFICATE-----") :].decode()
     return ssl.create_default_context(cadata=certificate)
 
 
 def read_all(link: socket.socket) -> bytes:
-    """Everything until the other end closes."""
+    """Read until the other end closes."""
     received = b""
     with contextlib.suppress(ConnectionError):
         while chunk := link.recv(1 << 16):
@@ -46,7 +46,7 @@ def request(path: str, headers: Mapping[str, str], method: str = "GET") -> bytes
 def get(
     server: LocalServer, path: str, headers: Mapping[str, str] | None = None, method: str = "GET"
 ) -> tuple[int, str, bytes]:
-    """Status, head and body; ``headers`` replace those of a well-behaved client."""
+    """Return status, head and body; ``headers`` replace those of a well-behaved client."""
     own = {"Host": server.origin.partition("//")[2]} | dict(headers or {})
     with connect(server) as link:
         link.sendall(request(path, own, method))
@@ -55,7 +55,7 @@ def get(
 
 
 def cookie(server: LocalServer) -> str:
-    """What the server gives to whoever has its address."""
+    """Return the cookie that the server sets for a client with its secret address."""
     status, head, _ = get(server, "/" + server.new_url().partition("/?")[2].join(["?", ""]))
     assert status == 303, head
     found = re.search(r"(?im)^set-cookie: ([^;]+); ([^\r]+)", head)
@@ -66,7 +66,7 @@ def cookie(server: LocalServer) -> str:
 
 
 class RawStream:
-    """An open stream, frame by frame [RFC 6455]."""
+    """An open WebSocket, read and written frame by frame [RFC 6455]."""
 
     def __init__(self, server: LocalServer, headers: Mapping[str, str] | None = None) -> None:
         given = dict(headers or {})
@@ -88,7 +88,7 @@ class RawStream:
         self.status = int(head.split()[1])
 
     def send(self, content: bytes, opcode: int = 1, length: int | None = None) -> None:
-        """One masked frame; ``length`` is what its header claims."""
+        """Send one masked frame; ``length`` is the length that its header claims."""
         size = len(content) if length is None else length
         head = bytes([0x80 | opcode])
         if size < 126:
@@ -102,7 +102,7 @@ class RawStream:
         self.link.sendall(head + mask + masked)
 
     def receive(self) -> tuple[int, bytes]:
-        """Opcode and content of the next frame; opcode 8 is a close, -1 a lost connection."""
+        """Return opcode and content of the next frame; 8 is a close, -1 a lost connection."""
         try:
             first, second = self._take(2)
             size = second & 0x7F
@@ -115,7 +115,7 @@ class RawStream:
             return -1, b""
 
     def close_code(self) -> int:
-        """Why the server ended the stream; -1: without a word."""
+        """Return the code with which the server closed the stream; -1: it sent none."""
         while True:
             opcode, content = self.receive()
             if opcode == 8:

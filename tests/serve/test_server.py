@@ -1,4 +1,4 @@
-"""Whoever has no business here is refused and logged, and nobody else notices."""
+"""The server refuses and logs strangers, without any effect on its own clients."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def certificate() -> Certificate:
 
 @pytest.fixture(params=["http", "https"])
 def encryption(request: pytest.FixtureRequest) -> Certificate | None:
-    """What holds in the clear holds for an encrypted connection too."""
+    """Run each test with a plain and with an encrypted connection; give the certificate."""
     return request.getfixturevalue("certificate") if request.param == "https" else None
 
 
@@ -84,7 +84,7 @@ def ack(sequence: int) -> bytes:
 
 
 def join(server: LocalServer, code: str) -> int:
-    """Status of who types a code."""
+    """Return the status of a request with a typed code."""
     return get(server, f"/?code={code}")[0]
 
 
@@ -130,7 +130,7 @@ def test_a_code_is_void_after_five_wrong_ones_or_two_minutes(
 
 
 class Session:
-    """A well-behaved client that gets frames all the while."""
+    """A well-behaved client that gets frames throughout a test."""
 
     def __init__(self, server: LocalServer) -> None:
         self.server = server
@@ -140,7 +140,7 @@ class Session:
         self.sequence = 0
 
     def check(self) -> None:
-        """A frame goes out and is acknowledged."""
+        """Check that a frame is sent and acknowledged."""
         self.sequence += 1
         content = b"frame %d" % self.sequence
         self.server.publish(content, sequence=self.sequence, captured_ns=time.time_ns())
@@ -150,7 +150,7 @@ class Session:
 
 @pytest.fixture
 def session(server: LocalServer) -> Iterator[Session]:
-    """Is unharmed by whatever a test does."""
+    """Give a session that must still work after the test."""
     found = Session(server)
     try:
         found.check()
@@ -333,7 +333,7 @@ def test_garbage_frames(content: bytes, server: LocalServer, session: Session) -
 def test_requests_that_are_not_http_are_counted_without_a_traceback(
     content: bytes, server: LocalServer, session: Session, caplog: pytest.LogCaptureFixture
 ) -> None:
-    """Anybody on the network could fill the terminal of who runs the session."""
+    """Strangers on the network must not fill the terminal with tracebacks."""
     with connect(server) as link:
         link.sendall(content)
         assert b" 400 " in read_all(link).partition(b"\r\n")[0]
@@ -359,7 +359,7 @@ def test_a_loud_client_is_cut_off(server: LocalServer, session: Session) -> None
 
 
 def test_slow_requests_are_cut_off(server: LocalServer, session: Session) -> None:
-    """A byte now and then, for ever: slow-loris."""
+    """A client that sends single bytes without end (slow loris) is cut off."""
     links = [connect(server) for _ in range(20)]
     for link in links:
         link.sendall(b"GET / HTTP/1.1\r\nHost: ")
@@ -603,7 +603,7 @@ def test_the_address_is_written_as_browsers_do() -> None:
 
 
 def test_a_page_at_an_ipv6_address_may_open_its_stream() -> None:
-    """A policy cannot name such an address: browsers refuse ``ws://[::1]:8000``."""
+    """The page's policy says 'self', because browsers refuse ``ws://[::1]:8000`` in a policy."""
     policy = LocalServer(PAGES, acknowledge, host="::1")._headers()["Content-Security-Policy"]
     assert "; connect-src 'self'; base-uri" in policy
 
