@@ -1,4 +1,4 @@
-"""Points by bandwidth: no second ever has more bytes than it may, counted from what is sent."""
+"""Points by bandwidth: no second ever has more bytes than allowed, counted from sent files."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ SECOND = 1_000_000_000
 
 
 def frames(count: int) -> list[NDArray[np.uint16]]:
-    """A scene that grows rougher, with noise and holes."""
+    """Return frames of a scene that grows rougher, with noise and holes."""
     rng = np.random.default_rng(0)
     found = []
     for number in range(count):
@@ -31,14 +31,14 @@ def frames(count: int) -> list[NDArray[np.uint16]]:
 
 
 def picture(seed: int) -> NDArray[np.uint8]:
-    """Colours that are hard to compress in some frames and easy in others."""
+    """Return colours that are hard to compress for some seeds and easy for others."""
     rng = np.random.default_rng(seed)
     noise = rng.integers(0, 256, (90, 120, 3))
     return (noise * (seed % 3) // 2).astype(np.uint8)
 
 
 def most_in_a_second(times: list[int], sizes: list[int]) -> int:
-    """Most bytes in any of the seconds that begin just before a frame."""
+    """Return the most bytes in any of the seconds that begin just before a frame."""
     return max(
         sum(size for t, size in zip(times, sizes, strict=True) if begin <= t < begin + SECOND)
         for begin in times
@@ -53,7 +53,7 @@ def test_a_stream_has_no_more_bytes_than_its_bandwidth() -> None:
         times = [round(i * SECOND / rate) for i in range(12)]
         assert most_in_a_second(times, sizes) <= bandwidth
         share = bandwidth // -(-rate // 1)
-        # What may be sent is used.
+        # The frames use nearly all of the bandwidth.
         assert min(sizes) > 0.6 * share
         assert sum(sizes) > 0.9 * 12 * share
         for number, result in enumerate(results):
@@ -196,7 +196,7 @@ def test_files_of_all_methods_use_their_share(method: simplify.DepthMethod, tmp_
 def test_each_method_fits_into_a_share_in_each_format(
     method: simplify.DepthMethod, suffix: str, tmp_path: Path
 ) -> None:
-    """A point takes 40 bytes in .glb and several times as many in other formats."""
+    """The share is kept in each format; other formats than .glb take many more bytes per point."""
     np.save(tmp_path / "d.npy", frames(4)[3])
     for share in (5_000, 9_000, 16_000):
         options = DepthOptions(
@@ -262,7 +262,7 @@ def test_a_frame_has_its_share_of_what_its_second_leaves() -> None:
 
 @pytest.mark.parametrize("seed", range(40))
 def test_the_points_that_fit_are_found_in_few_tries(seed: int) -> None:
-    """Files that grow by uneven steps, against all numbers of points."""
+    """The largest fitting number is found for sizes that grow by uneven steps."""
     rng = np.random.default_rng(seed)
     most = int(rng.integers(3, 400))
     sizes = 200 + np.cumsum(rng.integers(1, 30, most + 1))

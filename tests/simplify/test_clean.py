@@ -136,7 +136,7 @@ def test_unknown_kind_of_duplicates_is_refused() -> None:
 
 
 def corner_values(mesh: Mesh, face: int) -> list[tuple]:
-    """What the corners of a face are, by value: position, texture coordinate, normal."""
+    """Return position, texture coordinate and normal of each corner of a face."""
     rows = [mesh.vertices[mesh.faces[face]] + 0.0]
     for table, indices in (
         (mesh.texcoords, mesh.face_texcoords),
@@ -152,7 +152,7 @@ def corner_values(mesh: Mesh, face: int) -> list[tuple]:
 
 
 def kinds_of_duplicates(mesh: Mesh, duplicates: str) -> set:
-    """The distinct faces of a mesh, where 'same' and 'any' each have their own idea of equal."""
+    """Return the distinct faces of a mesh, with the equality of 'same' or of 'any'."""
     kinds = set()
     for f in range(mesh.num_faces):
         corners = [tuple(corner) for corner in corner_values(mesh, f)]

@@ -1,4 +1,4 @@
-"""CS3 on depth images and range scans: an oracle for its choice of points, and invariants."""
+"""CS3 on depth images and range scans chooses the points of an oracle, and keeps invariants."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ Map = NDArray[np.float32]
 
 
 def bumpy(height: int = 48, width: int = 64, seed: int = 0, holes: float = 0.1) -> Map:
-    """A wavy disk in front of nothing, with noise and holes."""
+    """Return a depth image of a wavy disk without background, with noise and holes."""
     rng = np.random.default_rng(seed)
     v, u = np.mgrid[0:height, 0:width]
     depth = 1.0 + 0.1 * np.sin(u / 5) * np.cos(v / 7) + rng.normal(scale=0.002, size=u.shape)
@@ -46,7 +46,7 @@ def lift(depth: Map, camera: Intrinsics) -> Map:
 
 
 def shifted(values: Map, du: int, dv: int, fill: float) -> Map:
-    """values(u + du, v + dv), `fill` outside."""
+    """Return values(u + du, v + dv), with `fill` outside."""
     height, width, *channels = values.shape
     padded = np.full((height + 8, width + 8, *channels), fill, np.float32)
     padded[4:-4, 4:-4] = values
@@ -105,7 +105,7 @@ def hessian(area: Map, stencil: str, beside: str) -> tuple[Map, Map, Map]:
 
 
 def rounded(omega: Map) -> Map:
-    """14 significant bits, as the core keeps them."""
+    """Round to 14 significant bits, as the core does."""
     bits = omega.view(np.uint32)
     down = np.where(omega >= 0, bits | np.uint32(0x3FF), bits & np.uint32(0xFFFFFC00))
     return down.astype(np.uint32).view(np.float32)
@@ -236,7 +236,7 @@ def test_suppression_is_that_of_the_formulas(variant: Variant) -> None:
 
 
 def test_a_cone_keeps_its_tip() -> None:
-    """A bends at the tip alone: it has the greatest importance, so it is chosen first."""
+    """The tip, at which alone the cone bends, has the greatest importance and is chosen first."""
     v, u = np.mgrid[0:49, 0:65]
     cone = (1.0 + 0.01 * np.hypot(u - 32, v - 24)).astype(np.float32)
     result = simplify.cs3(cone, Intrinsics(65, 49, 60.0, 60.0, 32.0, 24.0), 40)
@@ -285,7 +285,7 @@ def check(result: Cs3Result, points: Map, valid: NDArray[np.bool_], n: int) -> N
     np.testing.assert_array_equal(result.texcoords, exact.astype(np.float32))
     centroids = (2 * result.pixels[result.faces].sum(axis=1) + 3) // 6
     assert valid[centroids[:, 1], centroids[:, 0]].all()
-    # What is dropped is dropped for its centroid, what stays is of the Delaunay triangulation.
+    # The result is the Delaunay triangulation without faces whose centroid is an invalid pixel.
     full = simplify.grid_delaunay(result.pixels)
     ends = (2 * result.pixels[full].sum(axis=1) + 3) // 6
     kept = full[valid[ends[:, 1], ends[:, 0]]]
@@ -406,7 +406,7 @@ def test_border_cases(depth: NDArray[np.float32], n: int, variant: Variant) -> N
 
 
 def test_more_points_than_any_factor_gives() -> None:
-    """Where the importance is the same everywhere, counts jump with the rounded radius."""
+    """With constant importance, counts jump with the rounded radius; the rest is added."""
     flat = np.ones((30, 40), np.float32)
     result = simplify.cs3_grid(np.stack([*np.mgrid[0:30, 0:40][::-1], flat], axis=-1), None, 1000)
     assert result.num_vertices == 1000
@@ -486,7 +486,7 @@ def scan(path: Path) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
 def test_published_errors(
     realdata: RealData, name: str, model: str, n: int, tolerance: float
 ) -> None:
-    """CS3's distance is at most the printed one and this tolerance, and at least half of it."""
+    """CS3's distance is between half of the printed one and the printed one plus tolerance."""
     points, valid = scan(realdata(f"range_scans/{name}.ply.xz"))
     dense = simplify.dense_mesh_grid(points, valid).mesh
     errors = {}

@@ -1,4 +1,4 @@
-"""Depth images as cameras and files have them: lone pixels, coarse pixels, marks, steps."""
+"""Depth images of real cameras and files: lone pixels, coarse pixels, marks and steps."""
 
 from __future__ import annotations
 
@@ -47,21 +47,24 @@ def box_before_waves() -> NDArray[np.uint16]:
 
 
 def slope_behind_pole() -> NDArray[np.uint16]:
-    """A plane that goes away to the right, and a pole before it: long edges pass behind that."""
+    """Return a slope with a pole before it, behind which long edges of the slope pass."""
     depth = np.tile((1000 / np.linspace(0.66, 0.4, 160)).astype(np.uint16), (120, 1))
     depth[30:90, 78:82] = 800
     return depth
 
 
 def floor(focal: float = 60.0) -> NDArray[np.uint16]:
-    """What a camera one metre above a floor sees of it."""
+    """Return the depth image of a floor one metre below the camera."""
     below = np.arange(96)[:, None] - 20.5
     z = np.where(below > 0, 1000 * focal / np.maximum(below, 0.5), 0)
     return np.repeat(np.where(z > 12000, 0, z), 128, axis=1).astype(np.uint16)
 
 
 def box_and_far_specks() -> NDArray[np.uint16]:
-    """Twelve pixels each, 60 m away: half of a percent of the pixels, and most of the area."""
+    """Return a box and specks of twelve pixels 60 m away.
+
+    The specks have half a percent of the pixels, and most of the area.
+    """
     depth = box_before_waves()
     v, u = np.mgrid[0:120, 0:160]
     for i in range(8):
@@ -72,7 +75,7 @@ def box_and_far_specks() -> NDArray[np.uint16]:
 
 
 def depth_over(found: simplify.DepthMesh, corners: NDArray[np.int32]) -> NDArray[np.float64]:
-    """The depth of a face at each pixel in or on it, else NaN: by barycentric coordinates."""
+    """Return the depth of a face at each pixel in or on it, and NaN at the other pixels."""
     u, v = np.meshgrid(np.arange(160), np.arange(120))
     (au, av), (bu, bv), (cu, cv) = found.pixels[corners].astype(float)
     area = (bu - au) * (cv - av) - (bv - av) * (cu - au)
@@ -97,7 +100,7 @@ def boxes_before_a_slope(seed: int) -> NDArray[np.uint16]:
 
 @pytest.mark.parametrize("seed", [69, 209, 243, 302])
 def test_three_points_are_a_face_between_depth_steps(seed: int, tmp_path: Path) -> None:
-    """The last face lies across a step (69, 209), or the last piece has four points."""
+    """Three points give a face, although it lies across a step or its piece has four points."""
     depth, camera = boxes_before_a_slope(seed), Intrinsics(64, 48, 57.0, 57.0, 31.5, 23.5)
     found = simplify.simplify_depth(depth, camera, simplify.DepthOptions(3, method="relief"))
     assert (found.num_faces, found.num_used) == (1, 3)
@@ -110,7 +113,7 @@ def test_three_points_are_a_face_between_depth_steps(seed: int, tmp_path: Path) 
 
 
 def disks(seed: int) -> NDArray[np.uint16]:
-    """Disks at any depth before nothing, with up to a third of the pixels missing."""
+    """Return disks at any depth without background, with up to 30 % of the pixels missing."""
     rng = np.random.default_rng(seed + 10**6)
     height, width = rng.integers(6, 60, 2)
     depth = np.zeros((height, width))
@@ -128,7 +131,7 @@ def disks(seed: int) -> NDArray[np.uint16]:
 def test_relief_leaves_a_face_of_any_number_of_points(
     effort: simplify.Effort, step: float | None
 ) -> None:
-    """The last faces were at pixels that are missing, or across steps."""
+    """A face is left for any number of points, which is neither at a hole nor across a step."""
     boxes = [boxes_before_a_slope(seed) for seed in (131, 187, 220, 255, 261, 277, 326, 697)]
     for depth in boxes + [disks(seed) for seed in (257, 330, 579, 606, 625, 633)]:
         height, width = depth.shape
@@ -143,7 +146,7 @@ def test_relief_leaves_a_face_of_any_number_of_points(
 
 
 def test_few_points_cover_the_largest_faces_between_steps() -> None:
-    """A mesh that collapses on among 60 boxes has most of its faces across steps."""
+    """Three points among 60 boxes cover more than the last face of a collapsing mesh."""
     rng = np.random.default_rng(3)
     depth = np.full((120, 160), 4000, np.uint16)
     for _ in range(60):
@@ -156,7 +159,7 @@ def test_few_points_cover_the_largest_faces_between_steps() -> None:
 
 
 def test_a_few_more_points_cover_hardly_less() -> None:
-    """Collapses that fill bays of a star win surface: 4 points covered .334, 5 points .298."""
+    """One more point loses at most a tenth of the coverage of a star, whose bays may be filled."""
     v, u = np.mgrid[0:96, 0:128].astype(float)
     x, y = u - 63.5, v - 47.5
     camera = Intrinsics(128, 96, 110.0, 110.0, 63.5, 47.5)
@@ -173,7 +176,7 @@ def test_a_few_more_points_cover_hardly_less() -> None:
 
 @pytest.mark.parametrize("effort", ["live", "balanced", "best"])
 def test_more_points_leave_a_wall_behind_islands_as_it_is(effort: simplify.Effort) -> None:
-    """Vertices over closed holes moved onto islands: 1000 points covered .43, 50 points .73."""
+    """Vertices stay off islands before a wall; on them, 1000 points covered .43 and 50 .73."""
     v, u = np.mgrid[0:120, 0:160]
     depth = np.where((u % 6 < 3) & (v % 6 < 3), 1500, 3000).astype(np.uint16)
     for points in (50, 250, 1000):
@@ -185,7 +188,7 @@ def test_more_points_leave_a_wall_behind_islands_as_it_is(effort: simplify.Effor
 
 @pytest.mark.parametrize("seed", [1, 11, 59, 109])
 def test_no_vertex_leaves_a_pinhole_for_an_island(seed: int) -> None:
-    """In 56 of 150 such images, vertices did; all of their faces joined both sides of a step."""
+    """A vertex on an island would have faces across steps only, as in 56 of 150 such images."""
     v, u = np.mgrid[0:72, 0:96]
     rng = np.random.default_rng(seed)
     wall = 3000 + 150 * np.sin(u / 8) * np.cos(v / 6) + 10 * rng.normal(size=u.shape)
@@ -238,7 +241,7 @@ def test_few_points_keep_a_mesh(points: int) -> None:
 
 def test_few_points_are_not_spent_on_faces_across_steps() -> None:
     depth = box_before_waves()
-    # Where such faces are made first and cut then: 0, 0.362 and 0.397.
+    # If such faces are made first and then cut, coverage is 0, 0.362 and 0.397.
     for points, least in ((3, 0.12), (8, 0.39), (10, 0.48)):
         found = simplify.relief(depth, CAMERA, points, depth_step=0.05)
         cut = simplify.cut_depth_steps(found, depth)
@@ -312,7 +315,7 @@ def test_one_far_pixel_leaves_the_rest_as_it_is(far: float) -> None:
 
 @pytest.mark.parametrize("seed", [0, 2])
 def test_depths_that_are_far_off_do_not_take_the_few_points(seed: int) -> None:
-    """Twelve squares of four pixels at 500 m: more area than the wall around them."""
+    """Specks at 500 m do not take the points, although their area is larger than the wall's."""
     v, u = np.mgrid[0:120, 0:160].astype(float)
     depth = (3 + 0.3 * np.sin(u / 9) * np.cos(v / 7)).astype(np.float32)
     rng = np.random.default_rng(seed)
@@ -409,7 +412,7 @@ def test_a_part_of_the_frames_has_its_pictures_by_name(tmp_path: Path) -> None:
 @pytest.mark.parametrize("name", ["color", "mask", "confidence"])
 @pytest.mark.parametrize("names", ["{:04d}.png", "{:04d}.{}.png"])
 def test_pictures_are_not_shifted_by_a_lost_frame(name: str, names: str, tmp_path: Path) -> None:
-    """Depth images 2 to 6 and pictures 1 to 5: equally many, and one picture is missing."""
+    """A missing picture is an error, although depth images and pictures are equally many."""
     for i in range(1, 6):
         (tmp_path / names.format(i, name)).touch()
     frames = [f"d/{names.format(i, 'depth')}" for i in range(2, 7)]
@@ -487,7 +490,7 @@ def touched(folder: Path, times: list[float], name: str = "{:.6f}.png") -> list[
 
 @pytest.mark.parametrize("kind", ["color", "mask", "confidence"])
 def test_images_of_other_times_are_the_nearest(kind: str, tmp_path: Path) -> None:
-    """A depth and a colour image are lost: equally many are left, and an order is shifted."""
+    """After losses in both lists, images are paired by time and not by order."""
     frames = touched(tmp_path / "depth", TIMES[:4] + TIMES[5:])
     others = touched(tmp_path / "other", [time + 0.012 for time in TIMES if time != TIMES[8]])
     (tmp_path / "other" / "preview.png").touch()
@@ -508,7 +511,7 @@ def test_an_image_is_that_of_one_time_only(tmp_path: Path) -> None:
 
 
 def test_most_frames_have_a_picture(tmp_path: Path) -> None:
-    """Each colour image is nearer to the next depth image than to its own."""
+    """As many frames as possible get a picture, although each is nearer to the next frame."""
     frames = touched(tmp_path / "depth", TIMES)
     others = touched(tmp_path / "color", [time + 0.018 for time in TIMES])
     pairs = simplify.colors_of_frames(frames, tmp_path / "color")
@@ -526,7 +529,7 @@ def test_a_preview_among_the_frames_has_no_time(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("unit", [1, 1000])
 def test_dates_are_no_times_since_1970(unit: int, tmp_path: Path) -> None:
-    """The numbers of two dates half a minute apart differ by 30, which would be milliseconds."""
+    """Dates in names are not taken for times, by which half a minute would be 30 ms."""
     stamps = [(20210304120000 + 100 * minute) * unit for minute in range(12)]
     frames = touched(tmp_path / "depth", stamps, "{}.png")
     others = touched(tmp_path / "color", [stamp + 30 * unit for stamp in stamps], "{}.jpg")
@@ -681,7 +684,7 @@ def test_coloured_and_paletted_masks_are_read(tmp_path: Path) -> None:
 
 
 def test_a_jpeg_mask_is_where_it_is_bright(tmp_path: Path) -> None:
-    """The compression leaves grey values of up to 20 around the edge of a white mask."""
+    """Grey values that compression leaves around a white mask do not belong to it."""
     image = pytest.importorskip("PIL.Image")
     np.save(tmp_path / "wall.npy", np.full((60, 80), 2000, np.uint16))
     disk = np.hypot(*(np.mgrid[:60, :80] - np.array([[[30]], [[40]]]))) < 20
@@ -703,7 +706,7 @@ def test_a_jpeg_mask_is_where_it_is_bright(tmp_path: Path) -> None:
 
 
 def stored_sideways(upright: NDArray[np.uint8], orientation: int) -> NDArray[np.uint8]:
-    """The pixels as a camera stores them that states an orientation of EXIF beside them."""
+    """Return the pixels as stored by a camera that states this EXIF orientation."""
     flips = {3: upright[::-1, ::-1], 6: np.rot90(upright, 1), 8: np.rot90(upright, -1)}
     return np.ascontiguousarray(flips[orientation])
 
@@ -751,7 +754,7 @@ def test_each_orientation_is_that_of_pillow(orientation: int, tmp_path: Path) ->
 def test_pictures_stay_as_the_sensor_has_them_if_the_depth_does(
     orientation: int, tmp_path: Path
 ) -> None:
-    """Beside a depth image that is sideways, too, the stored pixels are the right ones."""
+    """Pictures are not turned if their depth image is stored sideways, too."""
     image = pytest.importorskip("PIL.Image")
     exif = image.Exif()
     exif[274] = orientation
@@ -846,7 +849,7 @@ def test_cameras_do_not_join_box_and_wall() -> None:
 
 
 def stars_before_a_wall(shift: float) -> NDArray[np.uint16]:
-    """The view that a camera so many metres to the right has of four stars."""
+    """Return the view of stars by a camera that is moved right by ``shift`` metres."""
     v, u = np.mgrid[0:120, 0:160].astype(float)
     depth = 2 + 0.1 * np.sin(v / 9) * np.cos(u / 13)
     for x, y, z, size in ((-0.3, -0.2, 1, 0.12), (0.2, 0.1, 1.2, 0.15), (0.45, -0.3, 0.9, 0.1)):
@@ -858,7 +861,7 @@ def stars_before_a_wall(shift: float) -> NDArray[np.uint16]:
 
 @pytest.mark.parametrize(("points", "least"), [(400, 0.97), (1500, 0.98)])
 def test_cameras_make_no_sheets_across_steps(points: int, least: float) -> None:
-    """Triangles one pixel wide had all their pixels on the wall: 5 to 7 % of the area."""
+    """Meshes of two cameras have no thin triangles across steps, once 5 to 7 % of the area."""
     pose = np.eye(4)
     pose[0, 3] = 0.15
     views = [
@@ -959,7 +962,7 @@ def test_faces_across_steps_that_stayed_are_counted(
 
 
 def lone_pixels(valid: NDArray[np.bool_]) -> int:
-    """Measured pixels that no square of two by two joins with two others, one by one."""
+    """Count measured pixels that no square of two by two joins with two others."""
     height, width = valid.shape
     lone = 0
     for v, u in np.argwhere(valid):
@@ -989,7 +992,7 @@ def test_lone_pixels_are_counted(share: float, tmp_path: Path) -> None:
 
 @pytest.mark.realdata
 def test_a_projected_scan_is_said_to_be_sparse(realdata: RealData, tmp_path: Path) -> None:
-    """As KITTI's depth completion has it: a scan in its camera, 16 bits, 1/256 m."""
+    """A scan in a camera, stored in 1/256 m as in KITTI's depth completion, is sparse."""
     folder = realdata("lidar/kitti_object")
     frame = datasets.open_kitti(folder)[0]
     calibration = frame.calibration()
@@ -1143,7 +1146,7 @@ def test_disparities_of_a_stereo_pair_are_depth(tmp_path: Path) -> None:
 def test_far_specks_do_not_take_the_points_of_the_surface(
     target: int, effort: simplify.Effort
 ) -> None:
-    """They are one pixel of two hundred, and had up to three eighths of the vertices."""
+    """Specks, 0.5 % of the pixels, get no vertices; they once had up to three eighths."""
     found = simplify.relief(box_and_far_specks(), CAMERA, target, depth_step=0.05, effort=effort)
     assert not (found.vertices[:, 2] > 5).any()
     assert found.stop == "small_pieces"
@@ -1159,7 +1162,7 @@ def test_far_specks_stay_where_there_are_points_for_all() -> None:
 
 
 def bars_before_a_corridor() -> NDArray[np.float32]:
-    """A corridor with niches, 100 m long, and bars at 1.6 m, which are a quarter of the pixels."""
+    """Return a corridor 100 m long behind bars at 1.6 m, which are a quarter of the pixels."""
     v, u = np.mgrid[0:120, 0:160]
     x, y = (u - 79.5) / 130, (v - 59.5) / 130
     niche = 1.3 / np.abs(x)
@@ -1172,8 +1175,7 @@ def bars_before_a_corridor() -> NDArray[np.float32]:
 
 @pytest.mark.parametrize("effort", ["live", "fast", "balanced", "fine"])
 def test_near_things_are_not_the_first_to_be_left_out(effort: simplify.Effort) -> None:
-    """Their pixels are small: by area alone, far niches keep the points, and 0.76 to 0.82 is
-    covered."""
+    """Near bars keep their points; by area alone, far niches get them: coverage 0.76 to 0.82."""
     depth = bars_before_a_corridor()
     found = simplify.relief(depth, CAMERA, 160, depth_step=simplify.DEPTH_STEP, effort=effort)
     cut = simplify.cut_depth_steps(found, depth)
@@ -1182,7 +1184,7 @@ def test_near_things_are_not_the_first_to_be_left_out(effort: simplify.Effort) -
 
 
 def test_poses_with_a_whole_matrix_in_each_line(tmp_path: Path) -> None:
-    """As Replica's traj.txt has them: 4x4, row by row, camera to world."""
+    """Lines with whole 4x4 matrices, camera to world as in Replica's traj.txt, are read."""
     poses = np.stack([np.eye(4)] * 2)
     poses[1, :3] = [[0.0, -1.0, 0.0, 5.0], [1.0, 0.0, 0.0, 6.0], [0.0, 0.0, 1.0, 7.0]]
     place = tmp_path / "traj.txt"
@@ -1230,7 +1232,7 @@ def test_pixels_without_a_line_of_sight_or_a_measurement_keep_their_number() -> 
 def test_a_wall_in_distances_along_the_rays_is_flat(
     method: simplify.DepthMethod, tmp_path: Path
 ) -> None:
-    """Without the option it is a bowl, 0.5 m deep in its corners."""
+    """`ray_depth` makes a flat wall of distances, which would else be a bowl."""
     wall = np.full((120, 160), 2.0, np.float32)
     distances = np.linalg.norm(CAMERA.unproject(wall), axis=2).astype(np.float32)
     np.save(tmp_path / "a.npy", distances)
@@ -1250,7 +1252,7 @@ def test_a_wall_in_distances_along_the_rays_is_flat(
 
 
 def test_the_camera_of_an_image_is_read_once(tmp_path: Path) -> None:
-    """A warning about it appears once, also if the camera states the unit."""
+    """A warning about a camera file appears once, also if the file states the unit."""
     np.save(tmp_path / "a.npy", waves())
     camera = tmp_path / "camera.json"
     camera.write_text(

@@ -22,7 +22,7 @@ def turn(a: Pixels, b: Pixels, c: Pixels) -> Pixels:
 
 
 def in_circle(a: Pixels, b: Pixels, c: Pixels, d: Pixels) -> Pixels:
-    """> 0 if d lies inside of the circle through a, b, c (counter-clockwise)."""
+    """Return a number > 0 if d is inside the circle through a, b, c (counter-clockwise)."""
     (au, av), (bu, bv), (cu, cv) = ((x - d).T for x in (a, b, c))
     return (
         (au * au + av * av) * (bu * cv - bv * cu)
@@ -32,7 +32,7 @@ def in_circle(a: Pixels, b: Pixels, c: Pixels, d: Pixels) -> Pixels:
 
 
 def hull_area(points: Pixels) -> tuple[float, int]:
-    """Area of the convex hull, and the number of points on its border [Andrew 1979]."""
+    """Return area and number of border points of the convex hull [Andrew 1979]."""
     ordered = sorted(map(tuple, points.tolist()))
 
     def chain(sequence: list[tuple[int, int]]) -> list[tuple[int, int]]:
@@ -55,7 +55,7 @@ def on_a_line(points: Pixels) -> bool:
 
 
 def check(points: Pixels) -> None:
-    """Everything that makes it the Delaunay triangulation with our rule for ties."""
+    """Check all properties of the Delaunay triangulation with our rule for ties."""
     faces = simplify.grid_delaunay(points)
     if on_a_line(points):
         assert len(faces) == 0
@@ -104,7 +104,7 @@ def test_brute_force_on_small_grids(width: int, height: int, data: st.DataObject
     )
 )
 def test_brute_force_at_full_range(chosen: list[tuple[int, int]]) -> None:
-    """Differences up to 16 383: in_circle needs 60 bits."""
+    """Circles are exact for differences up to 16 383, for which in_circle needs 60 bits."""
     points = np.array(chosen, dtype=np.int64)
     faces = simplify.grid_delaunay(points)
     if on_a_line(points):
@@ -122,7 +122,7 @@ def test_full_lattices(shape: tuple[int, int]) -> None:
 
 
 def test_a_lattice_is_cut_one_way() -> None:
-    """The last pixel of each square is cut off: all diagonals run alike."""
+    """All squares are cut along the same diagonal."""
     faces = simplify.grid_delaunay(pixels_of(np.arange(20), 5))
     edges = {tuple(sorted(pair)) for t in faces.tolist() for pair in itertools.combinations(t, 2)}
     assert {b - a for a, b in edges} == {1, 5, 4}
@@ -173,7 +173,7 @@ def test_against_scipy(count: int, width: int, height: int) -> None:
     theirs = spatial.Delaunay(points)
     areas = turn(*(points[ours[:, i]] for i in range(3)))
     assert areas.sum() == pytest.approx(2 * spatial.ConvexHull(points).volume)
-    # Where no four points are cocircular the triangles are the same; elsewhere the ties differ.
+    # The triangles are the same unless four points lie on a circle; ties are cut differently.
     shared = {tuple(sorted(t)) for t in ours.tolist()} & {
         tuple(sorted(t)) for t in theirs.simplices.tolist()
     }
@@ -181,7 +181,7 @@ def test_against_scipy(count: int, width: int, height: int) -> None:
 
 
 def test_clusters_and_holes() -> None:
-    """Points as CS3 chooses them: dense along curves, sparse elsewhere, none in the background."""
+    """The rules hold for points as CS3 chooses them, with clusters along curves and holes."""
     v, u = np.mgrid[0:48, 0:64]
     ring = np.abs(np.hypot(u - 32, v - 24) - 15) < 1.2
     sparse = ((u % 7 == 0) & (v % 5 == 0)) & (np.hypot(u - 32, v - 24) < 22)

@@ -1,4 +1,4 @@
-"""Organised clouds (PCD of depth cameras) are depth images that bring their camera and colours."""
+"""Organised clouds (PCD of depth cameras) are depth images with their own camera and colours."""
 
 import itertools
 import warnings
@@ -23,7 +23,7 @@ CAMERA = Intrinsics(COLS, ROWS, 70.0, 72.0, 39.0, 30.5)
 
 
 def points_of(depth: NDArray[np.float32], bend: float = 0.0) -> NDArray[np.float32]:
-    """The image as points, where rays of a lens bend outwards."""
+    """Lift the image to points; ``bend`` turns the rays outwards, as a lens does."""
     v, u = np.mgrid[: depth.shape[0], : depth.shape[1]]
     x, y = (u - CAMERA.cx) / CAMERA.fx, (v - CAMERA.cy) / CAMERA.fy
     far = 1.0 + bend * (x**2 + y**2)
@@ -32,7 +32,7 @@ def points_of(depth: NDArray[np.float32], bend: float = 0.0) -> NDArray[np.float
 
 
 def scene() -> NDArray[np.float32]:
-    """A wavy wall, a box before it, and a corner where nothing was measured."""
+    """Return a wavy wall with a box before it, and a corner without measurements."""
     v, u = np.mgrid[:ROWS, :COLS]
     depth = 2.0 + 0.05 * np.sin(u / 9.0) + 0.002 * v
     depth[20:40, 30:50] = 1.2
@@ -106,7 +106,7 @@ def test_vertices_are_the_measured_points_whatever_the_lens(tmp_path: Path) -> N
 
 @pytest.mark.parametrize("y_up", [False, True])
 def test_clouds_are_upright_in_gltf(tmp_path: Path, y_up: bool) -> None:
-    """OpenNI's and Kinect's coordinates have y up; the bump is in the upper right of the image."""
+    """Clouds with y down or up (OpenNI, Kinect) are upright: the bump is in the upper right."""
     v, u = np.mgrid[:ROWS, :COLS]
     depth = (2.0 + 0.3 * np.exp(-((u - 60) ** 2 + (v - 15) ** 2) / 100)).astype(np.float32)
     points = points_of(depth) * np.float32([1.0, -1.0 if y_up else 1.0, 1.0])
@@ -171,7 +171,7 @@ def test_the_camera_is_told_by_the_points() -> None:
 
 
 def turned_and_moved(points: NDArray[np.float32]) -> NDArray[np.float64]:
-    """In a robot's frame: x ahead, z up, looking down a little from beside its middle."""
+    """Return points in a robot's frame, x ahead and z up, of a camera that looks down a little."""
     tilt = np.deg2rad(20.0)
     ahead = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
     down = np.array([[np.cos(tilt), 0, np.sin(tilt)], [0, 1, 0], [-np.sin(tilt), 0, np.cos(tilt)]])
@@ -205,7 +205,7 @@ def test_the_camera_of_a_cloud_in_another_frame_is_found(tmp_path: Path, bend: f
 def test_the_camera_of_a_cloud_on_a_map_is_found(
     tmp_path: Path, place: tuple[float, float, float]
 ) -> None:
-    """Noise of a few millimetres may not grow with the coordinates."""
+    """The camera is found at coordinates of a map, where noise must not grow with them."""
     depth = scene() + np.random.default_rng(0).normal(0, 0.002, (ROWS, COLS)).astype(np.float32)
     local = turned_and_moved(points_of(np.where(scene() > 0, depth, 0).astype(np.float32)))
     found = find_camera(io.RangeGrid(local + place, scene() > 0))
@@ -222,7 +222,7 @@ def test_the_camera_of_a_cloud_on_a_map_is_found(
 
 @pytest.mark.parametrize("slope", [0.0, 0.3])
 def test_a_wall_in_another_frame_is_simplified(tmp_path: Path, slope: float) -> None:
-    """The points of a plane do not tell where the camera stood."""
+    """A plane is simplified, although its points do not show where the camera was."""
     u = np.mgrid[:ROWS, :COLS][1]
     wall = points_of((2.0 / (1.0 - slope * (u - CAMERA.cx) / CAMERA.fx)).astype(np.float32))
     result = made(write_pcd(tmp_path / "wall.pcd", turned_and_moved(wall)), tmp_path / "out.ply")
@@ -263,7 +263,7 @@ def test_clouds_that_are_no_camera_s_stay_as_they_are(tmp_path: Path) -> None:
 
 
 def test_a_sequence_of_clouds_stays_still(tmp_path: Path) -> None:
-    """Noise of a few millimetres; a pixel that the first cloud lacks is measured later."""
+    """Most vertices stay under noise, and pixels that the first cloud lacks are used later."""
     sequence = simplify.DepthSequence(simplify.DepthOptions(300))
     noise = np.random.default_rng(3)
     meshes = []
@@ -284,7 +284,7 @@ def test_a_sequence_of_clouds_stays_still(tmp_path: Path) -> None:
 
 
 def test_a_sequence_within_a_bandwidth_stays_still(tmp_path: Path) -> None:
-    """A search for the number of points that starts anew would change the vertices each time."""
+    """Most vertices stay, since each frame starts from the number of points of the last one."""
     allowance = 9000
     options = simplify.DepthOptions(bandwidth=30.0 * allowance, rate=30.0)
     sequence = simplify.DepthSequence(options)
@@ -337,7 +337,7 @@ def test_what_is_no_image_is_refused(
 
 
 def write_array(folder: Path, kind: str) -> Path:
-    """Points of an image as users of NumPy keep them."""
+    """Write the points of an image as users of NumPy do."""
     points = points_of(scene())
     colors = np.full((ROWS, COLS, 3), (200, 100, 50), np.uint8)
     path = folder / f"cloud.{kind.partition(' ')[0]}"
@@ -378,7 +378,7 @@ def test_arrays_of_pixels_are_organised_clouds(tmp_path: Path, kind: str) -> Non
 
 
 def facing(path: Path, place: ArrayLike = (0.0, 0.0, 0.0)) -> float:
-    """The share of a mesh's triangles that face a place."""
+    """Return the share of a mesh's triangles that face a place."""
     mesh = io.read_mesh(path)
     a, b, c = (mesh.vertices[mesh.faces[:, k]] for k in range(3))
     return float(((np.cross(b - a, c - a) * (place - a)).sum(axis=1) > 0).mean())
@@ -416,14 +416,14 @@ def test_views_of_clouds_bring_their_colours(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("rows", [slice(None), slice(None, None, -1)])
 def test_clouds_of_scanners_face_the_scanner(tmp_path: Path, rows: slice) -> None:
-    """A court seen by a scanner that turns, its lasers from the top down or from below upwards."""
+    """Faces face a spinning scanner, with lasers ordered downwards or upwards."""
     np.save(tmp_path / "court.npy", court(rows).astype(np.float32))
     made(tmp_path / "court.npy", tmp_path / "out.ply", max_edge=1.0)
     assert facing(tmp_path / "out.ply") > 0.95
 
 
 def write_scan(path: Path, points: NDArray[Any], colors: NDArray[np.uint8] | None = None) -> Path:
-    """Write a PLY file with a range grid, which says nothing about its sensor."""
+    """Write a PLY file with a range grid, which does not name its sensor."""
     rows, cols = points.shape[:2]
     valid = ~np.isnan(points).any(axis=2)
     vertex = np.where(valid.ravel(), np.cumsum(valid) - 1, -1)
@@ -466,7 +466,7 @@ def some_colors() -> NDArray[np.uint8]:
 
 @pytest.mark.parametrize("turn", [False, True])
 def test_a_range_grid_of_a_camera_is_its_depth_image(turn: bool, tmp_path: Path) -> None:
-    """As PCL writes organised clouds to PLY: colours, and no faces from the box to the wall."""
+    """Range grids in PLY, as PCL writes them, keep colours and get no faces across steps."""
     points = points_of(scene())
     if turn:  # y up, it looks along -z
         points = points * np.float32([1.0, -1.0, -1.0])
@@ -591,7 +591,7 @@ def test_columns_that_are_no_colors(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("bulge", [0.0, 0.02, 1.0])
 def test_rows_of_other_scans_go_up(tmp_path: Path, bulge: float) -> None:
-    """A scanner from above with parallel rays, the origin behind the surface as in Stanford's."""
+    """Faces face a scanner with parallel rays, although the origin is behind the surface."""
     v, u = np.mgrid[:ROWS, :COLS]
     relief = 1.0 + bulge * np.sin(u / 9.0) * np.cos(v / 7.0) / 3
     points = np.stack([0.01 * u - 0.4, 0.01 * v - 0.3, relief], axis=-1)
@@ -600,7 +600,7 @@ def test_rows_of_other_scans_go_up(tmp_path: Path, bulge: float) -> None:
 
 
 def court(rows: slice = slice(None)) -> NDArray[np.float64]:
-    """The points of a scanner that turns."""
+    """Return the points of a spinning scanner."""
     elevation, azimuth = np.meshgrid(np.linspace(0.3, -0.3, 32), np.linspace(3.0, -3.0, 256),
                                      indexing="ij")  # fmt: skip
     rays = [np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth)]
@@ -622,7 +622,7 @@ def test_scans_on_a_map_are_not_rounded(tmp_path: Path, method: str, suffix: str
 
 
 def test_a_plane_on_a_map_is_not_rounded(tmp_path: Path) -> None:
-    """The rays from the map's origin to a plane are those of a camera that is far aside."""
+    """A plane keeps its precision, although its rays from the origin resemble a far camera's."""
     v, u = np.mgrid[:ROWS, :COLS]
     place = np.array([5e5, 5.4e6, 300.0])
     ground = np.stack([0.1 * u, -0.1 * v, 0.0 * u], axis=-1) + place
@@ -679,7 +679,7 @@ def test_a_cloud_without_points_is_refused(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("name", ["cloud.npy", "cloud.npz"])
 def test_whole_numbers_are_a_cloud_too(name: str, tmp_path: Path) -> None:
-    """Azure Kinect's are millimetres in 16 bits, and zeros where nothing was measured."""
+    """Clouds of integers, as of the Azure Kinect in millimetres with 0 for no point, are read."""
     whole = np.rint(np.nan_to_num(1000 * points_of(scene()))).astype(np.int16)
     (np.save if name.endswith(".npy") else np.savez)(tmp_path / name, whole)
     found = made(tmp_path / name, tmp_path / "out.ply")

@@ -1,4 +1,4 @@
-"""Quality mode: what a wrong price, a wrong position or a wrong rule would change."""
+"""Quality mode: tests that a wrong price, a wrong position or a wrong rule would fail."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from real_data import RealData
 
 
 def grid(n: int) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
-    """The unit square, n x n cells: (x, y) and faces."""
+    """Return vertices (x, y) and faces of the unit square with n x n cells."""
     x, y = np.meshgrid(np.arange(n + 1) / n, np.arange(n + 1) / n)
     corner = (np.arange(n)[:, None] * (n + 1) + np.arange(n)).ravel()
     a, b, c, d = corner, corner + 1, corner + n + 2, corner + n + 1
@@ -56,7 +56,7 @@ def volume(mesh: Mesh) -> float:
 
 @pytest.mark.parametrize("share", [0.1, 0.05, 0.02])
 def test_many_holes_make_no_spikes(share: float) -> None:
-    """With 16 handles kept, hardly any legal collapse was left, and spikes of 0.2 came out."""
+    """16 handles are closed; if they are kept, legal collapses run out and spikes of 0.2 arise."""
     mesh = exact_models.perforated_shell()
     result = simplify.quality(mesh, target_faces=round(share * mesh.num_faces))
     assert result.stop == StopReason.TARGET_REACHED
@@ -67,7 +67,7 @@ def test_many_holes_make_no_spikes(share: float) -> None:
 
 
 def test_a_flat_square_becomes_two_faces_with_its_outline() -> None:
-    """The corners of a boundary have planes in two directions, its straight parts in one."""
+    """A flat square is simplified to two faces without loss of its corners."""
     result = simplify.quality(flat(8), target_faces=2)
     assert result.stop == StopReason.TARGET_REACHED
     assert result.mesh.num_faces == 2
@@ -77,7 +77,7 @@ def test_a_flat_square_becomes_two_faces_with_its_outline() -> None:
 
 
 def cube(n: int, turned: bool) -> Mesh:
-    """The cube from 0 to 1 with n x n squares on each side, or the same turned."""
+    """Return the cube from 0 to 1 with n x n squares on each side, perhaps turned."""
     xy, faces = grid(n)
     sides = []
     for axis in range(3):
@@ -94,7 +94,7 @@ def cube(n: int, turned: bool) -> Mesh:
 @pytest.mark.parametrize("turned", [False, True])
 @pytest.mark.parametrize("share", [0.5, 0.1, 0.02])
 def test_flat_sides_stay_flat_but_for_rounding(share: float, turned: bool) -> None:
-    """The pull towards the middle of an edge took vertices 3e-7 off the planes they lie in."""
+    """Vertices stay in the planes of a cube; the pull towards midpoints once moved them 3e-7."""
     mesh = cube(12, turned)
     result = simplify.quality(mesh, ratio=share)
     assert result.stop == StopReason.TARGET_REACHED
@@ -104,7 +104,7 @@ def test_flat_sides_stay_flat_but_for_rounding(share: float, turned: bool) -> No
 
 @pytest.mark.parametrize("target", [6, 4])
 def test_a_plate_that_lost_its_thickness_keeps_its_outline(target: int) -> None:
-    """A hundredth thick: its sides go, and with them all that held its outline in its plane."""
+    """A plate 0.01 thick keeps its outline after its narrow sides have vanished."""
     n, thickness = 10, 0.01
     xy, faces = grid(n)
     row = np.arange(n)
@@ -145,7 +145,7 @@ def test_a_wire_that_became_a_strip_does_not_vanish_between_two_pinches() -> Non
 
 @pytest.mark.parametrize("faces_each", [3, 2, 1])
 def test_thin_pieces_become_flat_rather_than_vanish(faces_each: int) -> None:
-    """25 closed pipes: no legal collapse makes four faces fewer, so that pipes were left out."""
+    """25 closed pipes become flat if less than four faces are left for each; none vanishes."""
     turn = 2 * np.pi * np.arange(6) / 6
     ring = 0.01 * np.column_stack([np.cos(turn), np.sin(turn), 0 * turn])
     ends = [[0, 0, 0], [0, 0, 1]]
@@ -210,7 +210,7 @@ def perforated_plate(cells: tuple[int, int], radius: float) -> Mesh:
 def test_holes_close_before_a_plate_loses_its_outline(
     cells: tuple[int, int], radius: float, faces: int, limit: float
 ) -> None:
-    """Holes stayed until all else cost 30 times as much: errors of 0.019, 0.0058 and 0.0144."""
+    """Holes are closed in time; if they stay too long, errors are 0.019, 0.0058 and 0.0144."""
     plate = perforated_plate(cells, radius)
     result = simplify.quality(plate, target_faces=faces)
     assert result.stop == StopReason.TARGET_REACHED
@@ -219,7 +219,7 @@ def test_holes_close_before_a_plate_loses_its_outline(
 
 
 def bent_plate() -> Mesh:
-    """A closed plate, bent by a radian: 1 long, 0.6 wide, 0.02 thick."""
+    """Return a closed plate, bent by a radian: 1 long, 0.6 wide, 0.02 thick."""
     e = np.arange(10) / 10
     section = np.concatenate(
         [
@@ -248,7 +248,7 @@ def bent_plate() -> Mesh:
 
 
 def test_the_last_faces_of_a_thin_part_keep_its_shape() -> None:
-    """The planes of its two sides are nearly the same, and do not tell what a collapse loses."""
+    """A thin plate keeps its shape, although the planes of its two sides hardly differ."""
     plate = bent_plate()
     result = simplify.quality(plate, target_faces=8)
     assert result.mesh.num_faces == 8
@@ -257,7 +257,7 @@ def test_the_last_faces_of_a_thin_part_keep_its_shape() -> None:
 
 
 def test_faces_that_no_collapse_touched_stay_where_they_are() -> None:
-    """A box around a ball that touches it nearly: points of the ball are nearest to the box."""
+    """A box keeps its corners, although points of the ball within it are nearest to the box."""
     ball = exact_models.ball()
     corners = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=float)
     corners *= 1.002 * np.abs(ball.vertices).max()
@@ -269,7 +269,7 @@ def test_faces_that_no_collapse_touched_stay_where_they_are() -> None:
 
 
 def test_a_strip_along_a_seam_shows_the_other_side_all_over_its_width() -> None:
-    """Two charts on hills; at half its price the seam wandered, for 2.7e-3 of the picture."""
+    """A seam of two charts stays in place; at half its price the texture error is 2.7e-3."""
     xy, faces = grid(30)
     height = 0.1 * np.sin(9 * xy[:, 0] + 1) * np.cos(7 * xy[:, 1])
     middle = xy[faces].mean(axis=1)
@@ -288,7 +288,7 @@ def test_a_strip_along_a_seam_shows_the_other_side_all_over_its_width() -> None:
 
 @pytest.mark.parametrize("share", [0.5, 0.1])
 def test_a_sheet_with_front_and_back_keeps_its_outline(share: float) -> None:
-    """Its rim has two faces as all edges have, and shrank at no price until its area was gone."""
+    """The rim of a two-sided sheet is held, although its edges have two faces as all others."""
     front = flat(12)
     sheet = Mesh(front.vertices, np.concatenate([front.faces, front.faces[:, ::-1]]))
     hill = exact_models.hill()
@@ -312,7 +312,7 @@ def test_a_hole_closes_when_that_is_cheapest() -> None:
 
 
 def test_a_linear_texture_survives_wherever_vertices_go() -> None:
-    """A wrong gradient, or a texture coordinate that stays behind, is off by a cell or more."""
+    """Texture coordinates follow their vertices; any mistake is an error of a cell or more."""
     xy, faces = grid(12)
     z = 0.3 * xy[:, 0] ** 2 + 0.2 * xy[:, 0] * xy[:, 1]
     uv = np.column_stack([2 * xy[:, 0] + xy[:, 1] + 0.5, 3 * xy[:, 1] - xy[:, 0]])
@@ -330,7 +330,7 @@ def test_a_linear_texture_survives_wherever_vertices_go() -> None:
 
 
 def test_seams_stay_where_they_are() -> None:
-    """The border of two materials on a flat square costs; the plain square would lose it."""
+    """The border of two materials on a flat square stays, although the shape would not hold it."""
     xy, faces = grid(10)
     right = xy[faces].mean(axis=1)[:, 0] > 0.3 + 1e-9
     mesh = Mesh(
@@ -348,7 +348,7 @@ def test_seams_stay_where_they_are() -> None:
 
 
 def test_a_ball_keeps_its_volume_and_closes() -> None:
-    """Plain quadrics put vertices outside of a ball: 3 % too large at these faces."""
+    """A ball keeps its volume to 1.2 % and stays closed; plain quadrics make it 3 % too large."""
     ball = exact_models.ball(25)
     result = simplify.quality(ball, target_faces=200)
     assert result.mesh.num_faces == 200
@@ -372,7 +372,7 @@ def test_less_error_than_the_published_method() -> None:
 
 
 def test_half_of_the_faces_lie_on_the_surface_and_not_only_where_it_was_sampled() -> None:
-    """A fit to the centroids alone, two to a face, has 1.13e-4."""
+    """The error at half of the faces is below that of a fit to the centroids alone, 1.13e-4."""
     xy, faces = grid(60)
     x, y = 6.0 * xy.T
     bumps = Mesh(np.column_stack([xy, 0.05 * np.sin(2.0 * x) * np.cos(3.0 * y)]), faces)
@@ -381,7 +381,7 @@ def test_half_of_the_faces_lie_on_the_surface_and_not_only_where_it_was_sampled(
 
 
 def test_a_texture_that_kept_its_place_is_not_pulled_away_by_other_faces() -> None:
-    """Two textured faces in a wavy surface without texture: 6e-6 if their corners may slide."""
+    """The texture of two faces in a surface without texture does not slide (else 6e-6)."""
     xy, faces = grid(30)
     wavy = np.column_stack([xy, 0.05 * np.sin(9.0 * xy[:, 0]) * np.cos(8.0 * xy[:, 1])])
     textured = (np.abs(xy[faces].mean(axis=1) - 0.5 - 1 / 60) < 1 / 60).all(axis=1)
@@ -401,7 +401,7 @@ def bent_texture() -> Mesh:
 
 
 def test_texture_coordinates_are_fitted_to_the_faces_they_stand_for() -> None:
-    """Left as collapses made them, they err by 3.6e-3 on average."""
+    """Texture coordinates are fitted; unfitted ones have a mean error of 3.6e-3."""
     mesh = bent_texture()
     result = simplify.quality(mesh, target_faces=200, texture_weight=0.1)
     assert metrics.texture_error(mesh, result.mesh).mean < 3.3e-3
@@ -409,14 +409,14 @@ def test_texture_coordinates_are_fitted_to_the_faces_they_stand_for() -> None:
 
 @pytest.mark.parametrize(("faces", "most"), [(300, 1.8e-3), (180, 3e-3), (100, 6e-3)])
 def test_a_bent_texture_keeps_vertices_by_default(faces: int, most: float) -> None:
-    """2.0e-3, 3.4e-3 and 6.7e-3 at half of its weight, for 0.92 to 0.89 of the error of shape."""
+    """The texture is accurate at its default weight; half of it gives 2.0, 3.4 and 6.7e-3."""
     mesh = bent_texture()
     result = simplify.quality(mesh, target_faces=faces).mesh
     assert metrics.texture_error(mesh, result, samples=50_000).mean < most
 
 
 def wavy_border() -> tuple[Mesh, NDArray[np.bool_]]:
-    """A bumpy sheet, and which of its faces lie on one side of a wavy line."""
+    """Return a bumpy sheet and a mask of its faces on one side of a wavy line."""
     xy, faces = grid(32)
     x, y = xy.T
     middle = xy[faces].mean(axis=1)
@@ -460,7 +460,7 @@ def test_textures_count_in_full_unless_materials_have_no_picture(
 
 
 def test_a_texture_without_a_picture_costs_less_shape_and_stays() -> None:
-    """Beside one that is seen: 0.79 of the error of shape, 1.3 of the texture's (free: 20)."""
+    """A texture that is not seen gives a better shape (0.79), with 1.3 times its own error."""
     mesh = bent_texture()
     seen, hidden = (
         simplify.quality(mesh, target_faces=100, texture_seen=seen).mesh for seen in (True, False)
@@ -470,7 +470,7 @@ def test_a_texture_without_a_picture_costs_less_shape_and_stays() -> None:
 
 
 def test_seams_without_a_picture_cost_less_shape() -> None:
-    """0.59 of the error where a picture is shown; 0.85 if the texture alone counts less."""
+    """Seams that are not seen allow a better shape: 0.59 of the error."""
     mesh, left = wavy_border()
     assert mesh.texcoords is not None
     charts = mesh.replace(
@@ -484,7 +484,7 @@ def test_seams_without_a_picture_cost_less_shape() -> None:
 
 
 def test_borders_of_materials_are_held_without_a_picture() -> None:
-    """Their colours are seen: 1.1 % of the surface change theirs either way."""
+    """Borders of materials are held because colours are seen; 1.1 % of the surface changes."""
     mesh, left = wavy_border()
     materials = (Material(), Material())
     two = mesh.replace(face_material=left.astype(np.int32), materials=materials)
@@ -494,7 +494,7 @@ def test_borders_of_materials_are_held_without_a_picture() -> None:
 
 @pytest.mark.parametrize("faces", [800, 400])
 def test_front_and_back_of_a_sheet_keep_their_own_textures(faces: int) -> None:
-    """0.16 if texture coordinates are fitted to whichever side was found first."""
+    """Each side keeps its texture; a fit to the side found first has an error of 0.16."""
     xy, front = grid(20)
     back = front[:, ::-1]
     z = 0.05 * np.sin(7 * xy[:, 0]) * np.cos(5 * xy[:, 1])
@@ -510,7 +510,7 @@ def test_front_and_back_of_a_sheet_keep_their_own_textures(faces: int) -> None:
 
 @pytest.mark.parametrize(("faces", "most"), [(800, 1.5e-5), (320, 4e-5)])
 def test_a_seam_is_as_dear_as_what_is_seen_beside_it(faces: int, most: float) -> None:
-    """5.2e-5 and 2.7e-4 if strips along a seam cost the same whatever the other side shows."""
+    """A seam costs the difference to the texture beside it; else errors are 5.2e-5 and 2.7e-4."""
     xy, cells = grid(40)
     x = xy[:, 0] + 0.06 * np.sin(8 * xy[:, 1]) * (1 - (2 * xy[:, 0] - 1) ** 2)
     y = xy[:, 1]
@@ -528,7 +528,7 @@ def test_a_seam_is_as_dear_as_what_is_seen_beside_it(faces: int, most: float) ->
 
 @pytest.mark.parametrize("shown", [0, 1])
 def test_the_piece_whose_texture_is_shown_beside_it_vanishes(shown: int) -> None:
-    """Two pieces of the same shape, equally far from a square that shows the texture of one."""
+    """Of two equal pieces above a square, the one with the square's texture vanishes."""
     square = flat(10)
     pieces = [tetrahedron((0.2, 0.2, 0.01), 0.05), tetrahedron((0.7, 0.7, 0.01), 0.05)]
     mesh = together(square, *pieces)
@@ -543,7 +543,7 @@ def test_the_piece_whose_texture_is_shown_beside_it_vanishes(shown: int) -> None
 
 
 def test_texture_coordinates_of_a_broken_export_cost_no_shape() -> None:
-    """A vase of an exporter that wrote 3443870976 for some: 8.6 % of its size off, at half."""
+    """Absurd texture coordinates, such as 3443870976 by an exporter, do not spoil the shape."""
     xy, faces = grid(28)
     wavy = np.column_stack([xy, 0.05 * np.sin(9.0 * xy[:, 0]) * np.cos(8.0 * xy[:, 1])])
     uv = xy.copy()
@@ -573,8 +573,10 @@ def test_poles_whose_vertices_differ_by_rounding_hold_nothing(dtype: type) -> No
 
 
 def revolved(profile: NDArray[np.float64], sides: int, *, dtype: type = np.float32) -> Mesh:
-    """A profile (radius, height) turned about z, as programs write it: each vertex of the seam and
-    of the poles has others at its place, but for rounding, with texture coordinates of their own.
+    """Return a profile (radius, height) turned about z, as programs write it.
+
+    Vertices of the seam and of the poles have copies that differ by rounding, with texture
+    coordinates of their own.
     """
     rows, turns = len(profile), np.linspace(0.0, 1.0, sides + 1)
     radius, height = (np.tile(column, sides + 1) for column in profile.T)
@@ -641,7 +643,7 @@ def test_needles_stay_where_there_is_nothing_else_or_nothing_to_do() -> None:
 
 
 def cone(sides: int) -> Mesh:
-    """Each face has a texture coordinate of its own at the tip, midway between its others."""
+    """Return a cone whose faces each have a texture coordinate of their own at the tip."""
     turn = np.arange(sides + 1) / sides
     rim = [np.cos(2 * np.pi * turn[:-1]), np.sin(2 * np.pi * turn[:-1]), np.zeros(sides)]
     vertices = np.concatenate([[[0.0, 0.0, 2.0]], np.column_stack(rim)])
@@ -704,7 +706,7 @@ PAINT, LABEL = Material("paint", (0.7, 0.7, 0.7, 1.0)), Material("label", (1.0, 
 
 
 def labelled(gap: float, label: Material | None = LABEL) -> Mesh:
-    """A ball of 16 000 faces with a label of 1 800 faces, ``gap`` radii in front of it.
+    """Return a ball of 16 000 faces with a label of 1 800 faces, ``gap`` radii in front of it.
 
     Without a material for the label, vertices have the two colours instead.
     """
@@ -721,7 +723,7 @@ def labelled(gap: float, label: Material | None = LABEL) -> Mesh:
 
 
 def share_of_label(before: Mesh, after: Mesh) -> float:
-    """The share of the label's area that is left."""
+    """Return the share of the label's area that is left."""
 
     def size(mesh: Mesh) -> float:
         first = mesh.faces[:, 0]
@@ -736,7 +738,7 @@ def share_of_label(before: Mesh, after: Mesh) -> float:
 @pytest.mark.parametrize("gap", [0.003, 0.001])
 @pytest.mark.parametrize("label", [LABEL, None])
 def test_a_label_of_another_look_stays(method: Any, gap: float, label: Material | None) -> None:
-    """It vanished as a whole, because the ball is near behind it."""
+    """A label of another colour stays, although the ball is close behind it."""
     mesh = labelled(gap, label)
     small = method(mesh, target_faces=160).mesh
     assert small.num_faces <= 160
@@ -751,7 +753,7 @@ def test_a_label_that_nobody_can_see_vanishes(method: Any) -> None:
 
 @pytest.mark.parametrize("method", [simplify.quality, simplify.fast])
 def test_a_label_that_looks_like_what_is_behind_it_vanishes(method: Any) -> None:
-    """The name of a material is not seen."""
+    """A label that differs only by the name of its material vanishes."""
     mesh = labelled(0.001, Material("other", PAINT.base_color))
     assert share_of_label(mesh, method(mesh, target_faces=160).mesh) == 0.0
 
@@ -761,7 +763,7 @@ def test_a_label_that_looks_like_what_is_behind_it_vanishes(method: Any) -> None
 def test_looks_of_a_scene_are_those_of_its_materials(
     method: str, label: Material, tmp_path: Path
 ) -> None:
-    """Each mesh of a scene has materials of its own while the scene is simplified."""
+    """Colours are also compared if each mesh of a scene has materials of its own."""
     labelled(0.001, label).write(tmp_path / "ball.glb")
     scene = io.read_scene(tmp_path / "ball.glb")
     (small,) = simplify.simplify_scene(scene, method, target_faces=160).scene.meshes
@@ -771,7 +773,7 @@ def test_looks_of_a_scene_are_those_of_its_materials(
 
 @pytest.mark.parametrize("opening", [0.5, 0.55, 0.6])
 def test_the_last_faces_of_a_shell_do_not_fold_onto_each_other(opening: float) -> None:
-    """Sides that fold onto each other stay in their planes: distances were 0.084 to 0.112."""
+    """The last faces of shells do not fold, which planes alone allow (0.084 to 0.112)."""
     ball = exact_models.ball(16)
     shell = Mesh(
         ball.vertices * [1.0, 0.3, 0.2],
@@ -787,7 +789,7 @@ def test_the_last_faces_of_a_shell_do_not_fold_onto_each_other(opening: float) -
 
 
 def facet_charts(mesh: Mesh) -> Mesh:
-    """The mesh with a chart of its own for each face, as packers of light maps write it."""
+    """Return the mesh with a chart for each face, as packers of light maps write it."""
     columns = int(np.ceil(np.sqrt(mesh.num_faces)))
     cell = np.arange(mesh.num_faces)
     corner = np.stack([cell % columns, cell // columns], axis=1)[:, None, :]
@@ -803,7 +805,7 @@ def facet_charts(mesh: Mesh) -> Mesh:
 def test_a_piece_that_stands_out_stays_where_every_edge_is_a_seam(
     method: Any, size: float, target: int
 ) -> None:
-    """It went where it had seams and stayed without: all edges of others paid for their strips."""
+    """A piece that stands out stays with and without seams at all edges."""
     bump = exact_models.ball(9)
     bump = bump.replace(vertices=size * bump.vertices + [1.02, 0.0, 0.0])
     mesh = together(exact_models.ball(26), bump)
@@ -813,7 +815,7 @@ def test_a_piece_that_stands_out_stays_where_every_edge_is_a_seam(
 
 
 def test_vertices_of_no_piece_are_asked_for_none() -> None:
-    """A vertex that only faces with repeated corners use: sanitizers see where it is looked up."""
+    """A vertex that only degenerate faces use changes nothing (sanitizers check its look-up)."""
     hills = [exact_models.hill(12) for _ in range(2)]
     apart = together(hills[0], hills[1].replace(vertices=hills[1].vertices + np.array([9.0, 0, 0])))
     alone = apart.num_vertices
@@ -834,7 +836,7 @@ def test_the_last_piece_never_vanishes() -> None:
 
 
 def test_many_loose_faces_reach_any_target() -> None:
-    """As stored, no two faces share a vertex: welding and vanishing both count."""
+    """Faces that share no vertex are welded and removed until the target is reached."""
     rng = np.random.default_rng(5)
     vertices = rng.random((900, 1, 3)) + 0.02 * rng.random((900, 3, 3))
     mesh = Mesh(vertices.reshape(-1, 3), np.arange(2700, dtype=np.int32).reshape(-1, 3))
@@ -845,7 +847,7 @@ def test_many_loose_faces_reach_any_target() -> None:
 
 
 def test_of_two_faces_on_the_same_vertices_one_goes_when_the_target_is_out_of_reach() -> None:
-    """Collapsing an edge of a tetrahedron lays the two faces beside it on each other."""
+    """A collapse in a tetrahedron leaves two faces on the same vertices, of which one is kept."""
     tetrahedron = Mesh(
         [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]],
         [[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]],
@@ -866,14 +868,14 @@ def test_the_simulated_head_gets_no_spike() -> None:
 
 
 def outside(of: NDArray[np.float64], points: NDArray[np.float64]) -> float:
-    """How far points stand out of the box of others, over its diagonal."""
+    """Return the largest distance of points outside the box of others, over its diagonal."""
     low, high = of.min(axis=0), of.max(axis=0)
     return float(np.maximum(low - points, points - high).max() / np.linalg.norm(high - low))
 
 
 @pytest.mark.parametrize("faces", [4, 6])
 def test_the_last_faces_of_a_ball_are_no_spikes(faces: int) -> None:
-    """Corners that keep the volume stood out by 0.44."""
+    """The last corners of a ball are near it; corners that keep the volume are off by 0.44."""
     ball = metrics_oracles.sphere(24)
     result = simplify.quality(ball, target_faces=faces).mesh
     assert 0 < result.num_faces <= faces
@@ -881,7 +883,7 @@ def test_the_last_faces_of_a_ball_are_no_spikes(faces: int) -> None:
 
 
 def test_thin_parts_do_not_shoot_out_of_their_places() -> None:
-    """In a pile of discs, tips of 0.19 kept the volume of what was gone."""
+    """A pile of discs gets no tips, which at 0.19 would keep the volume of vanished parts."""
     rng = np.random.default_rng(1)
     discs = []
     for _ in range(12):
@@ -904,7 +906,7 @@ def test_thin_parts_do_not_shoot_out_of_their_places() -> None:
 
 @pytest.mark.parametrize("target", [8, 20, 60])
 def test_texture_coordinates_stay_with_their_charts(target: int) -> None:
-    """A fit that nothing held was outside of its chart by more than the chart."""
+    """Fitted texture coordinates stay in their charts, which an unlimited fit leaves by far."""
     ball = metrics_oracles.sphere(16)
     turn = np.arctan2(*ball.vertices[:, :2].T)[ball.faces]
     turn += np.where(np.ptp(turn, axis=1, keepdims=True) > np.pi, 2 * np.pi * (turn < 0), 0)
@@ -920,7 +922,7 @@ def test_texture_coordinates_stay_with_their_charts(target: int) -> None:
 
 
 def atlas(mesh: Mesh, charts: int) -> Mesh:
-    """Ragged charts of faces that are near and face alike, flattened and packed into a grid."""
+    """Return a mesh with ragged charts of near faces, flattened and packed into a grid."""
     corners = mesh.vertices[mesh.faces]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
@@ -941,8 +943,11 @@ def atlas(mesh: Mesh, charts: int) -> Mesh:
 
 @pytest.mark.parametrize("charts", [100, 300])
 def test_many_charts_cost_neither_the_shape_nor_show_the_background(charts: int) -> None:
-    """1.14 and 0.94 times the error of the shape of `fast` if seams cost what their textures
-    jump, and 1.5 and 1.7 times its background if texture coordinates leave their charts."""
+    """Many charts cost neither shape nor background, compared with `fast`.
+
+    If seams cost the jump of their textures, the error of the shape is 1.14 and 0.94 times that of
+    `fast`. If texture coordinates leave their charts, 1.5 and 1.7 times its background is shown.
+    """
     head = simulate.models.head(faces=20_000)
     mesh = atlas(Mesh(head.vertices, head.faces), charts)
     best, fast = (method(mesh, ratio=0.05).mesh for method in (simplify.quality, simplify.fast))
@@ -1012,7 +1017,7 @@ def test_modes() -> None:
 
 @pytest.mark.parametrize("method", [simplify.quality, simplify.fast])
 def test_a_refused_option_is_shown_exactly(method: Any) -> None:
-    """The message was "got -0.000000"."""
+    """A message shows small values exactly, and not as "-0.000000"."""
     with pytest.raises(InputError, match=r"^max_error: expected a number >= 0, got -1e-09$"):
         method(exact_models.hill(5), max_error=-1e-9)
 
@@ -1058,7 +1063,7 @@ def test_rocker_arm_is_below_lindstrom_turk(real_mesh: Callable[[str], Mesh]) ->
 
 
 def test_a_flat_shape_does_not_vanish_for_free() -> None:
-    """No face is farther than 0 from the planes of a flat shape; its outline is."""
+    """The outline of a flat shape has a cost, although its faces lie in one plane."""
     result = simplify.quality(flat(6), max_error=0.01)
     assert area(result.mesh) == pytest.approx(1.0, abs=0.02)
     assert result.stop == StopReason.ERROR_LIMIT
@@ -1092,7 +1097,7 @@ def test_locked_vertices_stay_with_their_texture() -> None:
 
 
 def _texcoords_at(mesh: Mesh, vertices: NDArray[np.intp]) -> list[set[tuple[float, float]]]:
-    """The texture coordinates that the corners at each of these vertices have."""
+    """Return the texture coordinates of the corners at each of these vertices."""
     assert mesh.texcoords is not None
     assert mesh.face_texcoords is not None
     found: dict[int, set[tuple[float, float]]] = {int(v): set() for v in vertices}
@@ -1106,7 +1111,7 @@ def _texcoords_at(mesh: Mesh, vertices: NDArray[np.intp]) -> list[set[tuple[floa
 @pytest.mark.parametrize("method", [simplify.quality, simplify.fast])
 @pytest.mark.parametrize("height", [0.5, 0.8])
 def test_locked_vertices_get_no_texture_coordinates_of_others(method: Any, height: float) -> None:
-    """Locks put the target out of reach, so that all collapses beside them are tried."""
+    """Locked vertices keep their texture coordinates, with all collapses beside them tried."""
     head = simulate.models.head(faces=8000)
     low, high = head.bounds
     locked = head.vertices[:, 1] > low[1] + height * (high - low)[1]
@@ -1123,7 +1128,7 @@ def test_locked_vertices_get_no_texture_coordinates_of_others(method: Any, heigh
 @pytest.mark.parametrize("method", [simplify.quality, simplify.fast])
 @pytest.mark.parametrize("seed", range(8))
 def test_locked_vertices_stay_in_any_soup(method: Any, seed: int) -> None:
-    """Also as the only corner of a last face, and where the rules are relaxed."""
+    """Locked vertices stay, also as a corner of a last face and under relaxed rules."""
     rng = np.random.default_rng(seed)
     vertices = rng.random((60, 3))
     faces = rng.integers(0, 60, (90, 3), dtype=np.int32)
@@ -1139,7 +1144,7 @@ def test_locked_vertices_stay_in_any_soup(method: Any, seed: int) -> None:
 
 @pytest.mark.parametrize("method", [simplify.quality, simplify.fast, simplify.simplify])
 def test_locked_vertices_may_be_a_list(method: Any) -> None:
-    """``importance`` took one, ``locked`` had to be an array."""
+    """``locked`` may be a list, as ``importance`` may."""
     ball = exact_models.ball(16)
     locked = np.arange(ball.num_vertices) < 9
     of_array, of_list = (
@@ -1199,7 +1204,7 @@ def test_equal_importance_changes_nothing() -> None:
 
 
 def test_welding_keeps_the_strictest_of_one_place() -> None:
-    """Two copies of a square share an edge; only one copy's vertices are locked or important."""
+    """If welded copies of a vertex differ, a lock of one of them holds."""
     right = flat(6).replace(vertices=flat(6).vertices + np.array([1, 0, 0]))
     mesh = together(flat(6), right)
     seam = np.isclose(mesh.vertices[:, 0], 1.0) & (np.arange(mesh.num_vertices) < 49)
@@ -1234,7 +1239,7 @@ def test_control_that_is_no_control_is_refused(arguments: dict[str, Any], messag
 
 
 def test_a_piece_of_few_large_faces_is_not_judged_by_its_small_ones() -> None:
-    """A wing on a ball, with 50 small faces where it is fastened."""
+    """A wing with 50 small faces at its joint stays, because pieces are judged by area."""
     ball = exact_models.ball()
     top = float(ball.vertices[:, 2].max())
     angle = np.linspace(0, 2 * np.pi, 51)
@@ -1258,7 +1263,7 @@ def test_a_piece_of_few_large_faces_is_not_judged_by_its_small_ones() -> None:
 def test_edges_of_many_faces_do_not_stand_in_the_way(
     real_mesh: Callable[[str], Mesh], name: str, ratio: float, limit: float
 ) -> None:
-    """Forbidden as on clean meshes, such edges cost four and eleven times the error here."""
+    """Edges of more than two faces collapse; else the error is four and eleven times larger."""
     read = real_mesh(name)
     mesh = Mesh(read.vertices, read.faces)
     result = simplify.quality(mesh, ratio=ratio)

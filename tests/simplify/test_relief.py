@@ -1,4 +1,4 @@
-"""The relief operator: what its meshes promise, and how near they are to the surface."""
+"""The relief operator: invariants of its meshes, and their distance from the surface."""
 
 from __future__ import annotations
 
@@ -25,19 +25,19 @@ EFFORTS: tuple[simplify.Effort, ...] = ("live", "fast", "balanced", "fine", "bes
 
 
 def bumps(height: int, width: int, seed: int = 0) -> NDArray[np.float32]:
-    """A smooth range scan with noise; rows go up."""
+    """Return a smooth range scan with noise, whose rows go up."""
     v, u = np.mgrid[0:height, 0:width].astype(float)
     z = 4 * np.sin(u / 7) * np.cos(v / 5) + 0.02 * np.random.default_rng(seed).normal(size=u.shape)
     return np.stack([u, v, z], axis=-1).astype(np.float32)
 
 
 def corners(result: simplify.DepthMesh) -> NDArray[np.int64]:
-    """(m, 3, 2): u and v of the corners of each triangle."""
+    """Return u and v of the corners of each triangle, (m, 3, 2)."""
     return result.pixels[result.faces].astype(np.int64)
 
 
 def doubled_areas(faces: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Twice the signed areas in pixels; > 0: counter-clockwise with v up."""
+    """Return twice the signed areas in pixels; > 0: counter-clockwise with v up."""
     p, q, r = faces[:, 0], faces[:, 1], faces[:, 2]
     a, b = q - p, r - p
     return a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
@@ -46,7 +46,7 @@ def doubled_areas(faces: NDArray[np.int64]) -> NDArray[np.int64]:
 def covering(
     faces: NDArray[np.int64], points: NDArray[np.float64], *, closed: bool = False
 ) -> NDArray[np.int64]:
-    """How many triangles hold each point (u, v), strictly inside unless closed."""
+    """Count the triangles that hold each point (u, v), strictly inside unless closed."""
     order = np.argsort(points[:, 0], kind="stable")
     sorted_points = points[order]
     # Only points of the columns that a triangle spans can lie in it.
@@ -84,7 +84,7 @@ def check_promises(
 def check_coverage(
     result: simplify.Relief, points: NDArray[np.float32], valid: NDArray[np.bool_]
 ) -> None:
-    """Each pixel of the dense mesh against each triangle."""
+    """Check coverage by comparing each pixel of the dense mesh with each triangle."""
     dense = simplify.dense_mesh_grid(points, valid)
     used = dense.pixels[np.unique(dense.faces)].astype(float)
     if not len(used):
@@ -165,7 +165,7 @@ def test_each_effort_is_nearer_than_the_one_before(target: int) -> None:
 
 
 def test_live_spends_its_points_by_area_and_not_by_pixels() -> None:
-    """The same waves on a near wall and on one at 16 times the distance, of 256 times the area."""
+    """Of two walls with equal waves, the far one with 256 times the area gets the points."""
     v, u = np.mgrid[0:120, 0:160].astype(float)
     waves = 1 + 0.01 * np.sin(u / 5) * np.cos(v / 6)
     depth = (np.where(u < 80, 0.5, 8.0) * waves).astype(np.float32)
@@ -182,7 +182,7 @@ def test_live_spends_its_points_by_area_and_not_by_pixels() -> None:
 
 
 def test_live_follows_a_contour_that_is_straight_in_the_image_alone() -> None:
-    """Hills at the horizon: along the last row the depth changes from pixel to pixel."""
+    """The contour of hills at the horizon, a straight row of the image, keeps its depths."""
     v, u = np.mgrid[0:137, 0:200].astype(float)
     depth = np.zeros((150, 200), np.float32)
     depth[13:] = 60 / (v + 1 + 0.8 * np.sin(u / 2))
@@ -195,7 +195,7 @@ def test_live_follows_a_contour_that_is_straight_in_the_image_alone() -> None:
 
 @pytest.mark.parametrize("first_row", [5, 6])
 def test_live_keeps_a_far_strip_of_two_rows(first_row: int) -> None:
-    """Most of the area lies in a strip that every second row may miss."""
+    """A strip of two rows with most of the area is kept, which every second row may miss."""
     v, u = np.mgrid[0:120, 0:160].astype(float)
     depth = (3 + 0.3 * np.sin(u / 9) * np.cos(v / 7)).astype(np.float32)
     depth[:first_row] = 0
@@ -212,7 +212,7 @@ def test_live_keeps_a_far_strip_of_two_rows(first_row: int) -> None:
 
 @pytest.mark.parametrize("points", [100, 300, 1000])
 def test_live_keeps_narrow_slits_between_boards(points: int) -> None:
-    """Slits of two columns show the wall behind the boards, on 2 % of the pixels."""
+    """The wall behind slits of two columns, 2 % of the pixels, is kept."""
     v, u = np.mgrid[0:240, 0:320]
     depth = np.where((u % 80 < 2) & (v >= 20), 2.5, 2.0).astype(np.float32)
     camera = Intrinsics(320, 240, fx=300, fy=300, cx=159.5, cy=119.5)
@@ -336,7 +336,7 @@ def test_a_vertex_that_cannot_leave_its_pinhole_leaves_all_levels() -> None:
 
 
 def test_dropped_pixels_are_those_of_the_level_that_is_the_result() -> None:
-    """They were those of a larger mesh that was rejected."""
+    """The dropped pixels belong to the result, and not to a larger mesh that was rejected."""
     rows = (
         "####",
         "..#.",
@@ -356,7 +356,7 @@ def test_dropped_pixels_are_those_of_the_level_that_is_the_result() -> None:
 
 @pytest.mark.realdata
 def test_live_does_not_fall_apart_with_few_points(realdata: RealData) -> None:
-    """With 6 to 10 points it covered .02 to .27 of this scan, whose rows are in reverse order."""
+    """6 to 10 points cover 40 % of a scan with rows in reverse order; once only 2 to 27 %."""
     grid = read_range_grid(realdata("range_scans/happy_stand/happyStandRight_336.ply.xz"))
     rows, columns = (np.flatnonzero(grid.valid.any(axis=axis)) for axis in (1, 0))
     part = np.s_[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
@@ -367,7 +367,7 @@ def test_live_does_not_fall_apart_with_few_points(realdata: RealData) -> None:
 
 
 def room(realdata: RealData, name: str) -> tuple[NDArray[np.float32], Intrinsics]:
-    """Every second pixel of a Kinect's image, and its camera."""
+    """Return every second pixel of a Kinect's image, and its camera."""
     found = manip3d.io.read_depth_guessing(realdata(f"rgbd/scene_single_frames/{name}")).depth
     metres = found / np.float32(1000) if found.dtype == np.uint16 else found
     height, width = found.shape
@@ -382,7 +382,7 @@ def room(realdata: RealData, name: str) -> tuple[NDArray[np.float32], Intrinsics
 def test_levels_of_a_room_with_depth_steps_have_their_sizes(
     effort: simplify.Effort, realdata: RealData
 ) -> None:
-    """Meshes that lacked a vertex of the smaller level were kept, so that all were the smallest."""
+    """Levels have their own sizes; all once had the smallest one."""
     depth, camera = room(realdata, "NYU_depth.pgm")
     found = simplify.relief(depth, camera, 62, effort=effort, depth_step=0.05, levels=[20, 5])
     assert found.num_vertices > 55
@@ -422,7 +422,7 @@ def test_nothing_bridges_a_discontinuity() -> None:
 
 @pytest.mark.parametrize("seed", [1640, 2040])
 def test_two_sides_of_a_cut_do_not_fill_the_same_bay(seed: int) -> None:
-    """Edges once ran through vertices of the other side, and bays beyond them were filled twice."""
+    """No bay is filled by both sides of a cut, although their vertices may coincide."""
     rng = np.random.default_rng(seed)
     v, u = np.mgrid[0:24, 0:30]
     rng.integers(0, 4, (24, 30))
@@ -466,7 +466,7 @@ def test_moved_points_stay_on_their_line_of_sight_and_lower_the_error() -> None:
 
 
 def test_moves_beside_depth_steps_do_not_raise_the_error() -> None:
-    """Squares of distances listen to the few pixels at the steps; the mean hardly counts them."""
+    """Moves do not raise the mean error; squared distances would follow the few pixels at steps."""
     camera = Intrinsics(160, 120, 150.0, 150.0, 79.5, 59.5)
     v, u = np.mgrid[0:120, 0:160]
     noise = np.random.default_rng(0).normal(size=u.shape)
@@ -548,7 +548,7 @@ def test_closes_a_hole_of_one_pixel_where_points_are_few() -> None:
 
 
 def outline(mesh: simplify.DepthMesh) -> tuple[int, set[frozenset[tuple[int, ...]]]]:
-    """What flips of edges leave: the number of faces, and the edges that have one face."""
+    """Return what flips of edges do not change: number of faces, and edges of one face."""
     edges = Counter(
         frozenset((tuple(face[i]), tuple(face[(i + 1) % 3])))
         for face in corners(mesh).tolist()
@@ -562,7 +562,7 @@ def outline(mesh: simplify.DepthMesh) -> tuple[int, set[frozenset[tuple[int, ...
 def test_flat_parts_have_points_enough_for_any_target(
     effort: simplify.Effort, share: float
 ) -> None:
-    """A floor in whole millimetres and a wall, of which most pixels lie in planes."""
+    """Any target is reached on a floor and a wall, although most pixels lie in planes."""
     camera = Intrinsics(80, 60, 65.0, 65.0, 39.5, 29.5)
     row = np.arange(60.0)[:, None]
     depth = np.round(np.minimum(3000.0, 1000 / (0.3 + 0.006 * row)) * np.ones(80)).astype(np.uint16)
@@ -583,7 +583,7 @@ def test_flat_parts_have_points_enough_for_any_target(
 def test_all_points_are_the_dense_mesh(
     height: int, width: int, holes: float, max_edge: float | None, seed: int
 ) -> None:
-    """Its cells are cut many at a time; those of the dense mesh one by one."""
+    """A relief with all points equals the dense mesh, whose cells are cut by other code."""
     random = np.random.default_rng(seed)
     points = bumps(height, width, seed)
     points[..., 2] += random.normal(0, 0.3, (height, width)).astype(np.float32)
@@ -631,7 +631,7 @@ def test_live_on_every_second_pixel_and_on_long_rows() -> None:
 
 @pytest.mark.parametrize("effort", EFFORTS)
 def test_no_target_is_too_small(effort: simplify.Effort) -> None:
-    """Each hole once kept a loop of three vertices, and then the only piece was dropped."""
+    """Any target is reached on a surface with 48 holes, which once kept three vertices each."""
     points = bumps(60, 80)
     valid = np.ones((60, 80), bool)
     valid[5::10, 5::10] = False  # 48 holes
@@ -656,7 +656,7 @@ def test_bridges_are_the_area_over_missing_pixels() -> None:
 
 @pytest.mark.parametrize("holes", ["pixels", "pairs", "squares"])
 def test_bridges_are_the_area_of_the_missing_dense_triangles(holes: str) -> None:
-    """A cell with one of its two triangles counted as all of it: twice the area at lone pixels."""
+    """Bridges are measured by dense triangles, since a cell may lack only one of its two."""
     v, u = np.mgrid[0:101, 0:101]
     points = np.stack([u, v, np.zeros_like(u)], axis=-1).astype(np.float32)
     valid = np.ones(u.shape, bool)
@@ -672,7 +672,7 @@ def test_bridges_are_the_area_of_the_missing_dense_triangles(holes: str) -> None
 
 
 def share_off(depth: NDArray[np.float32], t: NDArray[np.int64], step: float) -> tuple[float, float]:
-    """Bounds of the share of the pixels over a triangle that lie a step off it, by its plane.
+    """Return bounds of the share of pixels over a triangle that lie a step off its plane.
 
     Between the bounds are pixels that rounding decides.
     """
@@ -689,7 +689,7 @@ def share_off(depth: NDArray[np.float32], t: NDArray[np.int64], step: float) -> 
 
 
 def test_triangles_that_are_more_bridge_than_surface_are_left_out() -> None:
-    """Strips at two depths with gaps between them: a fifth of the area was bridges."""
+    """Triangles over gaps between strips are left out; they once were a fifth of the area."""
     v, u = np.mgrid[0:60, 0:80]
     depth = np.where((u // 8) % 2 == 0, 1.0, 1.3) + 0.02 * np.sin(v / 5)
     valid = np.ones(depth.shape, bool)
@@ -706,7 +706,7 @@ def test_triangles_that_are_more_bridge_than_surface_are_left_out() -> None:
 
 
 def test_a_long_contour_gets_more_of_the_points() -> None:
-    """A star of eleven arms, two pixels at its ends for each point; 0.988 at the usual price."""
+    """A star with a long contour is covered to more than 99 %; 98.8 % at the usual price."""
     v, u = np.mgrid[:160, :160] - 80.0
     valid = np.hypot(u, v) < 40 + 30 * np.cos(11 * np.arctan2(v, u))
     points = np.stack([0.01 * u, 0.01 * v, 2 + 0.1 * np.sin(u / 9)], axis=-1).astype(np.float32)
@@ -790,7 +790,7 @@ def test_same_bytes_for_any_number_of_threads(effort: simplify.Effort) -> None:
 
 
 def test_a_call_does_not_depend_on_the_calls_before() -> None:
-    """Calls of a thread share their memory, also after other sizes, levels, pinholes and errors."""
+    """Results do not depend on earlier calls, although calls of a thread share their memory."""
     points = bumps(100, 130)
     holes = np.random.default_rng(3).random((100, 130)) > 0.05
 
@@ -847,7 +847,7 @@ STREAM_CAMERA = Intrinsics(120, 90, 110.0, 110.0, 59.5, 44.5)
 
 
 def noisy_frames(count: int) -> list[NDArray[np.uint16]]:
-    """A static scene with sensor noise, millimetres."""
+    """Return frames of a static scene with sensor noise, in millimetres."""
     noise = np.random.default_rng(0)
     v, u = np.mgrid[0:90, 0:120]
     scene = 1500 + 200 * np.sin(u / 30) * np.cos(v / 20)
@@ -855,7 +855,7 @@ def noisy_frames(count: int) -> list[NDArray[np.uint16]]:
 
 
 def flicker(results: list[simplify.Relief]) -> tuple[float, float]:
-    """Share of pixels that change per frame; temporal deviation of the vertices' surface, mm."""
+    """Return the share of vertices that change per frame, and the deviation in time, mm."""
     chosen = [set(map(tuple, r.pixels.tolist())) for r in results]
     changed = [len(a - b) / len(a) for a, b in itertools.pairwise(chosen)]
     v, u = np.mgrid[5:85:4, 5:115:4]
@@ -883,7 +883,7 @@ def test_a_stream_flickers_at_most_a_quarter_as_much(move_points: bool) -> None:
 
 
 def test_a_stream_keeps_its_edges() -> None:
-    """Noise flips edges back and forth, which moves the surface between vertices that stay."""
+    """Most edges between vertices that stay are kept, as flips would move the surface."""
 
     def kept(results: list[simplify.Relief]) -> float:
         shares = []
@@ -919,7 +919,7 @@ def test_a_stream_starts_like_a_single_frame_and_again_after_reset() -> None:
 
 
 def test_a_stream_starts_anew_after_an_error_in_a_frame() -> None:
-    """The error comes after the frame was smoothed; one before that changes nothing."""
+    """A stream starts anew after an error that follows smoothing; an earlier one has no effect."""
     first, second, third = noisy_frames(3)
     fails = False
 
@@ -955,7 +955,7 @@ def test_a_stream_takes_what_moves_as_it_comes() -> None:
 
 
 def test_a_stream_follows_what_moves_slowly() -> None:
-    """15 mm a frame at 1.5 m: below the gate, so that each pixel's mean would lag by 85 mm."""
+    """Motion of 15 mm per frame is followed; means of single pixels would lag by 85 mm."""
     moved = [frame - np.uint16(15 * i) for i, frame in enumerate(noisy_frames(20))]
     v, u = np.mgrid[0:90, 0:120]
     scene = 1500 + 200 * np.sin(u / 30) * np.cos(v / 20)
@@ -977,7 +977,7 @@ def test_a_stream_follows_what_moves_slowly() -> None:
 def test_a_stream_of_a_camera_that_pans_is_nearer_to_the_surface_than_single_frames(
     noise_mm: float,
 ) -> None:
-    """A slanted, folded wall glides by, so that depths change by 3 to 9 mm a frame."""
+    """A stream of a panning camera, with depth changes of 3 to 9 mm a frame, is accurate."""
     noise = np.random.default_rng(0)
     v, u = np.mgrid[0:90, 0:120]
     stream = simplify.ReliefStream(STREAM_CAMERA, 250)
@@ -995,7 +995,7 @@ def test_a_stream_of_a_camera_that_pans_is_nearer_to_the_surface_than_single_fra
 
 @pytest.mark.parametrize(("mm_a_frame", "noise_mm"), [(1.2, 4.0), (3.0, 10.0)])
 def test_a_stream_follows_motion_below_the_noise(mm_a_frame: float, noise_mm: float) -> None:
-    """The mean of 25 pixels does not show it in a frame, that of an area does."""
+    """Motion below the noise is found by the mean of an area, not by that of 25 pixels."""
     noise = np.random.default_rng(0)
     v, u = np.mgrid[0:90, 0:120]
     stream = simplify.ReliefStream(STREAM_CAMERA, 250)
@@ -1026,7 +1026,7 @@ def test_a_stream_at_rest_comes_near_to_the_surface_within_a_few_frames() -> Non
 
 
 def test_a_stream_starts_anew_with_another_view() -> None:
-    """Without noise: pixels whose depth is about the same in both views are no evidence of any."""
+    """Another view starts anew, although some pixels have about the same depth in both."""
     stream = simplify.ReliefStream(STREAM_CAMERA, 250)
     v, u = np.mgrid[0:90, 0:120]
     for i in range(4):
@@ -1037,7 +1037,7 @@ def test_a_stream_starts_anew_with_another_view() -> None:
 
 
 def test_noise_that_neighbours_share_is_not_followed_as_motion() -> None:
-    """Matched stereo has such noise: the mean of 25 pixels has half of that of one, not a fifth."""
+    """Noise that neighbours share, as of matched stereo, is smoothed and not taken for motion."""
     noise = np.random.default_rng(0)
     v, u = np.mgrid[0:90, 0:120]
     scene = 1500 + 200 * np.sin(u / 30) * np.cos(v / 20)
@@ -1087,7 +1087,7 @@ def test_what_a_smoother_is_shown_is_checked() -> None:
 
 @pytest.mark.parametrize("max_edge", [None, 1.5])
 def test_a_mask_of_0_and_255_is_one_of_0_and_1(max_edge: float | None) -> None:
-    """Images of masks are of 0 and 255; NumPy takes their bytes for bool as they are."""
+    """Booleans with bytes of 255, as NumPy views of mask images have, are read as true."""
     points = bumps(30, 41)
     valid = np.random.default_rng(2).uniform(size=points.shape[:2]) > 0.1
     image = np.where(valid, 255, 0).astype(np.uint8).view(bool)
@@ -1181,7 +1181,7 @@ def test_moves_lower_the_error_on_scenes_with_many_depth_steps(
 
 
 def amid(holes: NDArray[np.bool_], most: int = 4) -> int:
-    """Pixels of holes of at most so many that share sides, away from the border and larger ones."""
+    """Count pixels of holes with at most ``most`` pixels, away from the border and larger holes."""
     label = np.zeros(holes.shape, int)
     parts: list[set[tuple[int, int]]] = []
     for start in zip(*np.nonzero(holes), strict=True):
@@ -1258,7 +1258,7 @@ def test_a_plane_with_pinholes_is_two_faces() -> None:
 
 @pytest.mark.parametrize("effort", ["live", "balanced"])
 def test_filled_pinholes_are_told_from_other_bridges(effort: simplify.Effort) -> None:
-    """A flat wall of 3,200 equal triangles as two faces that lie over all its holes."""
+    """The shares of filled pinholes and of other bridges are exact on a flat wall."""
     y, x = np.mgrid[0:41, 0:41] * 0.01
     points = np.stack([x, -y, np.ones_like(x)], axis=2)
     valid = np.ones((41, 41), bool)
@@ -1278,7 +1278,7 @@ def test_filled_pinholes_are_told_from_other_bridges(effort: simplify.Effort) ->
 
 
 def test_a_hole_between_two_surfaces_stays_one() -> None:
-    """A pinhole at a step in depth, one beside the border, and a larger one end the surface."""
+    """Pinholes at a step or beside the border, and larger holes, are not filled."""
     depth = np.full((40, 60), 2.0, np.float32)
     depth[:, 30:] = 1.0
     depth[20, 30] = depth[0, 5] = 0.0
@@ -1294,7 +1294,7 @@ def test_a_hole_between_two_surfaces_stays_one() -> None:
 
 @pytest.mark.parametrize("points", [150, 300])
 def test_many_specks_do_not_take_the_points_of_live(points: int) -> None:
-    """More than 700 pieces of 3 x 8 pixels, such as thin bars in noise, stand before a wall."""
+    """700 small pieces before a wall, as of thin bars in noise, get few of the points."""
     v, u = np.mgrid[:480, :640]
     random = np.random.default_rng(0)
     wall = 4.0 + 0.4 * np.sin(u / 60) * np.cos(v / 75)
@@ -1316,7 +1316,7 @@ def test_room_for_all_points_fills_nothing() -> None:
 
 
 def test_ctrl_c_stops_a_run_and_leaves_the_next_one_as_it_was() -> None:
-    """The whole run would end before Python looks at its signals, were the kernel not to ask."""
+    """Ctrl-C stops a running kernel, which must ask Python for signals itself."""
     depth = np.ascontiguousarray(4.0 + 0.05 * bumps(360, 480)[..., 2])
     camera = Intrinsics(480, 360, 450.0, 450.0, 239.5, 179.5)
 
@@ -1344,7 +1344,7 @@ def test_ctrl_c_stops_a_run_and_leaves_the_next_one_as_it_was() -> None:
 
 @pytest.mark.parametrize("seed", range(3))
 def test_vertices_go_where_they_cover_more(seed: int) -> None:
-    """A wavy contour: `balanced` takes vertices from inside it, `fast` only removes some."""
+    """`balanced` covers more of a wavy contour than `fast`, by vertices from inside it."""
     rng = np.random.default_rng(seed)
     v, u = np.mgrid[:240, :320]
     x, y = u - 160.0, v - 120.0

@@ -20,7 +20,7 @@ from soups import soups
 
 
 def bumpy_grid(columns: int, rows: int, seed: int) -> Mesh:
-    """An open height field of random heights: no two collapses cost the same."""
+    """Return an open height field of random heights, so that no two collapses cost the same."""
     rng = np.random.default_rng(seed)
     x, y = np.meshgrid(np.arange(columns + 1.0), np.arange(rows + 1.0))
     z = rng.normal(scale=0.3, size=x.size)
@@ -31,7 +31,7 @@ def bumpy_grid(columns: int, rows: int, seed: int) -> Mesh:
 
 
 def normals(points: NDArray[np.float64], faces: NDArray[np.int32]) -> NDArray[np.float64]:
-    """Area vectors: twice the area times the unit normal."""
+    """Return twice the area times the unit normal of each face."""
     p, q, r = (points[faces[:, i]] for i in range(3))
     return np.cross(q - p, r - p)
 
@@ -49,7 +49,7 @@ def edge_counts(mesh: Mesh) -> dict[tuple[int, int], int]:
 
 
 class BruteForce:
-    """QEM_ORIG, written down as in section 2.3.1: homogeneous 4 x 4 quadrics, no queue."""
+    """QEM_ORIG as in section 2.3.1, with homogeneous 4 x 4 quadrics and without a queue."""
 
     def __init__(self, mesh: Mesh) -> None:
         low, high = mesh.bounds
@@ -142,7 +142,7 @@ def test_plain_quadrics_equal_a_brute_force_search(seed: int) -> None:
 
 
 def strip(columns: int = 20) -> Mesh:
-    """A flat strip, 2 columns of squares high: the straight boundary costs nothing to simplify.
+    """Return a flat strip, 2 squares high, whose straight boundary costs nothing to simplify.
 
     y 2  o--o--o- ... -o
          | /| /|       |
@@ -179,7 +179,7 @@ def test_frozen_boundaries_stop_early_and_weighted_ones_do_not() -> None:
 
 
 def disc(rim: int = 64, rings: int = 8) -> Mesh:
-    """A flat disc of radius 1: a vertex in the centre, then rings of ``rim`` vertices."""
+    """Return a flat disc of radius 1: a vertex in the centre, then rings of ``rim`` vertices."""
     angle = np.arange(rim) * 2 * np.pi / rim
     circle = np.column_stack([np.cos(angle), np.sin(angle), np.zeros(rim)])
     radii = np.arange(1, rings + 1) / rings
@@ -221,7 +221,7 @@ def test_more_boundary_weight_means_less_boundary_gap() -> None:
 
 
 def test_boundary_loops_keep_three_edges() -> None:
-    """A triangle of its own, and a square with a triangular hole, are as small as they get."""
+    """A lone triangle is not collapsed."""
     triangle = Mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])
     result = simplify.qem4vr(triangle, target_faces=0)
     assert result.stop == StopReason.NO_LEGAL_COLLAPSE
@@ -230,7 +230,7 @@ def test_boundary_loops_keep_three_edges() -> None:
 
 
 def test_complex_vertices_stay() -> None:
-    """Two strips that touch in one vertex: its boundary neighbours are four."""
+    """A vertex in which two strips touch, with four boundary neighbours, stays in place."""
     one = strip(6)
     other = one.vertices + np.array([6, 2, 0])
     both = simplify.clean(
@@ -248,7 +248,7 @@ def test_complex_vertices_stay() -> None:
 
 
 def floor(cells: int = 12) -> Mesh:
-    """A flat floor of two materials that meet in the wavy line around x = cells / 2."""
+    """Return a flat floor of two materials that meet in a wavy line around x = cells / 2."""
     flat = strip_grid(cells)
     centre = flat.vertices[flat.faces].mean(axis=1)
     wave = cells / 2 + 2 * np.round(np.sin(centre[:, 1] * np.pi / 6))
@@ -278,7 +278,7 @@ def test_a_flat_floor_of_two_materials_keeps_its_seam(mode: simplify.SeamMode) -
 
 
 def test_where_the_quadric_is_zero_a_multiplier_protects_nothing() -> None:
-    """The printed reading of W_t, and plain quadrics, move the seam of a flat floor."""
+    """W_t as printed and plain quadrics move the seam of a flat floor, where quadrics are 0."""
     mesh = floor()
     for result in (
         simplify.qem4vr(mesh, ratio=0.25, seam_mode="paper"),
@@ -288,7 +288,7 @@ def test_where_the_quadric_is_zero_a_multiplier_protects_nothing() -> None:
 
 
 def pairs_of(mesh: Mesh) -> set[tuple[float, ...]]:
-    """Each (x, y, z, u, v) that some corner has."""
+    """Return the set of (x, y, z, u, v) of all corners."""
     assert mesh.texcoords is not None
     assert mesh.face_texcoords is not None
     corners = np.concatenate(
@@ -298,7 +298,7 @@ def pairs_of(mesh: Mesh) -> set[tuple[float, ...]]:
 
 
 def test_a_seam_with_two_texture_coordinates_stays_closed() -> None:
-    """A pipe unrolled along a cut: no face may span the texture, no vertex may leave its UV."""
+    """The seam of a pipe stays closed, and each vertex keeps its texture coordinates."""
     mesh = models.pipe()
     result = simplify.qem4vr(mesh, ratio=0.2)
     assert result.stop == StopReason.TARGET_REACHED
@@ -323,7 +323,7 @@ def test_texture_quadrics_refuse_faces_without_texture_coordinates() -> None:
 
 
 def test_texture_quadrics_price_texture_coordinates() -> None:
-    """Where a texture bends more than the ball does, vertices stay for it."""
+    """Quadrics with texture coordinates lower the texture error, and raise that of the shape."""
     ball = simplify.clean(models.ball()).mesh
     u = np.abs(ball.vertices[:, 0]) ** 3 + 0.2 * ball.vertices[:, 1]
     mesh = ball.replace(
@@ -408,7 +408,7 @@ def test_the_closed_surface_stays_a_closed_surface() -> None:
 
 @pytest.mark.parametrize(("scale", "shift"), [(1e9, 0.0), (1e-9, 0.0), (1.0, 1e6), (1000.0, -3e8)])
 def test_the_unit_and_the_origin_do_not_matter(scale: float, shift: float) -> None:
-    """Powers of two would be exact; these are not, so compare what is reached, not the bits."""
+    """Scale and shift hardly change the error; factors that round change the bits."""
     mesh = models.hill()
     moved = mesh.replace(vertices=scale * mesh.vertices + shift)
     one, two = (simplify.qem4vr(m, ratio=0.2) for m in (mesh, moved))
@@ -427,7 +427,7 @@ def test_a_power_of_two_in_scale_changes_no_collapse() -> None:
 
 
 def test_a_far_away_speck_changes_the_curvature_of_the_paper_only() -> None:
-    """It makes the diagonal longer, the unit in which eq. 2.5 as printed measures."""
+    """A far speck changes the unit of eq. 2.5 as printed, the diagonal, and no other curvature."""
     mesh = bumpy_grid(12, 10, seed=1)
     v = mesh.num_vertices
     speck = Mesh(
@@ -512,7 +512,7 @@ def test_soups_stay_valid(mesh: Mesh, name: str, ratio: float) -> None:
 
 
 def assert_simplified(mesh: Mesh, result: SimplifyResult, ratio: float) -> None:
-    """What every result promises: valid, no new degenerate or duplicate faces, honest stop."""
+    """Check that a result is valid, without new degenerate or duplicate faces, at its target."""
     out = result.mesh
     out.validate()
     if result.stop == StopReason.TARGET_REACHED:
@@ -554,7 +554,7 @@ def test_a_small_ratio_is_a_face_at_least(mode: Any) -> None:
 
 
 def hilly(n: int = 14) -> Mesh:
-    """A sheet with waves and texture coordinates, and a small piece beside it."""
+    """Return a sheet with waves and texture coordinates, and a small piece beside it."""
     x, y = (grid.ravel() for grid in np.meshgrid(np.arange(n) - 5.25, np.arange(n) + 3.5))
     i = (np.arange(n - 1)[:, None] * n + np.arange(n - 1)).ravel()
     faces = np.concatenate([np.stack([i, i + 1, i + n + 1], 1), np.stack([i, i + n + 1, i + n], 1)])
@@ -575,7 +575,7 @@ MODES_AND_LIMITS = [
 @pytest.mark.parametrize(("mode", "limit"), MODES_AND_LIMITS)
 @pytest.mark.parametrize("exponent", [-1000, -660, -210, 210, 660, 1015])
 def test_no_unit_is_too_small_or_too_large(exponent: int, mode: Any, limit: str) -> None:
-    """A power of two rounds nothing, and the result is the same at any scale."""
+    """The result is the same at any scale by a power of two, which rounds nothing."""
     mesh, unit = hilly(), 2.0**exponent
     scaled = mesh.replace(vertices=mesh.vertices * unit)
     here, there = (0.2, 0.2) if limit == "ratio" else (0.05, 0.05 * unit)
