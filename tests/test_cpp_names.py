@@ -86,7 +86,7 @@ def definitions(text: str, file: str) -> tuple[list[Definition], list[Definition
 
 
 def clashes(files: dict[str, str]) -> list[str]:
-    """What is defined twice, and what a source file calls by the name of a public type."""
+    """List names that are defined twice, and names of source files that are public types."""
     known: dict[tuple[str, str], list[Definition]] = defaultdict(list)
     public: dict[str, Definition] = {}
     hidden: list[Definition] = []

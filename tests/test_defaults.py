@@ -1,4 +1,4 @@
-"""What a function does unless told otherwise stands once: in the core's options structs."""
+"""Defaults of the Python functions equal those of the core's options structs."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ WORDS = {"": None, "true": True, "false": False}
 
 
 def value_of(text: str) -> Any:
-    """A C++ literal as Python's value; an enumerator by its name, kLikeThis -> like_this."""
+    """Return a C++ literal as a Python value; enumerators by name, kLikeThis -> like_this."""
     text = text.strip()
     if text in WORDS:
         return WORDS[text]
@@ -131,7 +131,7 @@ OTHERWISE = {
 
 
 def same(facade: Any, core: Any) -> bool:
-    """None is no number of its own: the core's default, or what the input itself tells."""
+    """Whether two defaults agree; None stands for the core's default or a value from the input."""
     if facade is None or core is None:
         return True
     return bool(
@@ -165,7 +165,7 @@ def test_the_facade_s_defaults_are_the_core_s(struct: str, facade: Callable[...,
 
 
 def test_the_headers_are_read_as_they_stand() -> None:
-    """The bound structs, made without arguments, have the values that were read."""
+    """Values read from the headers are those of bound structs made without arguments."""
     checked = 0
     for struct, fields in CORE.items():
         bound = getattr(manip3d._core, struct, None)

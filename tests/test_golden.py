@@ -50,7 +50,7 @@ _LATER = {
     "outside_charts": 0.0,
     "unsure_pixels": 0,
 }
-"""Fields that came after the hashes were made, left out where nothing asked for them."""
+"""Fields that were added after the hashes were made; they are left out at these values."""
 
 
 def feed(digest: hashlib._Hash, value: object) -> None:
@@ -85,12 +85,12 @@ def feed(digest: hashlib._Hash, value: object) -> None:
 
 
 def halved(mesh: Mesh) -> Mesh:
-    """A coarser mesh to measure against: every other vertex moved onto its predecessor."""
+    """Return a coarser mesh to measure against, with every other vertex on its predecessor."""
     return mesh.replace(faces=mesh.faces // 2 * 2)
 
 
 def written(mesh: Mesh, suffix: str) -> list[bytes]:
-    """The bytes of the files that writing makes, in the order of their names."""
+    """Return the bytes of the written files, in the order of their names."""
     with tempfile.TemporaryDirectory() as folder:
         mesh.write(Path(folder) / f"mesh{suffix}")
         return [path.read_bytes() for path in sorted(Path(folder).iterdir())]
@@ -109,7 +109,7 @@ def phantom(
     segmentation: modify.Segmentation = "skin",
     plane: modify.PlaneRule = "joints",
 ) -> list[object]:
-    """All but the times of three frames; in the third the intact limb is hidden."""
+    """Return all but the times of three frames; in the third the intact limb is hidden."""
     pipeline = modify.PhantomPipeline(limb, mode=mode, segmentation=segmentation, plane=plane)
     kept: list[object] = []
     for number in range(3):
@@ -121,7 +121,7 @@ def phantom(
 
 
 def velodyne(model: str) -> list[object]:
-    """Every column of every frame of a recording."""
+    """Return every column of every frame of a recording."""
     own = velodyne_packets.plain_calibration() if model == "hdl64e" else None
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "r.pcap"
@@ -141,7 +141,7 @@ hill, ball, pipe, floor, soup = (
 
 
 def forgery() -> np.ndarray:
-    """A scan with points moved off the lattice and others taken away."""
+    """Return a scan with points moved off the lattice and others taken away."""
     points = lattice_scans.scan(np.random.default_rng(0))
     points[20_000:20_300] += np.float32(0.01)
     return np.delete(points, slice(70_000, 71_000), axis=0)
@@ -160,7 +160,7 @@ CAMERA = Intrinsics(120, 90, 110.0, 110.0, 59.5, 44.5, distortion=(0.1, -0.05, 0
 
 
 def depth_mesh(mesh: simplify.DepthMesh) -> list[object]:
-    """What a depth mesh is, without the seconds it took."""
+    """Return the arrays of a depth mesh, without the seconds it took."""
     return [mesh.vertices, mesh.faces, mesh.pixels, mesh.texcoords]
 
 
@@ -172,13 +172,13 @@ rings = forge.Lattice([[k / 64, 0.125] for k in range(-24, 8)], 2**-8)
 
 
 def truth(forged: forge.Forgery) -> tuple[object, ...]:
-    """All that an attack returns."""
+    """Return all results of an attack."""
     place = (forged.box.center, forged.box.size, forged.transform)
     return (forged.points, forged.added, forged.moved, forged.moved_from, forged.removed, place)
 
 
 def judged(threads: int) -> tuple[object, ...]:
-    """Both detectors on a cloud with a dense heap in it."""
+    """Run both detectors on a cloud with a dense heap in it."""
     points = np.concatenate([cloud, hoax * np.float32(0.25) + np.float32([4, 1, 0])])
     first = authenticate.density_consistency(points, threads=threads)
     grid = authenticate.AngularGrid(2.0, 2.0)
@@ -315,7 +315,7 @@ def test_same_bits(name: str, threads: int, golden: Callable[[str, object], None
 
 @pytest.mark.parametrize("mesh", [hill, ball], ids=["hill", "ball"])
 def test_fmpd_to_twelve_digits(mesh: Mesh, golden: Callable[..., None]) -> None:
-    """It takes powers and angles from libm, which differ in the last bits between CPUs."""
+    """FMPD is only compared to 12 digits, because libm differs in the last bits between CPUs."""
     results = [metrics.fmpd(mesh, halved(mesh), threads=threads) for threads in (1, 2, 4)]
     assert results[0] == results[1] == results[2]
     golden(

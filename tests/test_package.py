@@ -50,7 +50,7 @@ def test_versions_agree() -> None:
 
 
 def public_names() -> Iterator[tuple[str, str, object]]:
-    """Module, name, object of everything in the ``__all__`` of the package's modules."""
+    """Yield module, name and object of everything in the ``__all__`` of the modules."""
     for info in pkgutil.iter_modules(manip3d.__path__, "manip3d."):
         if not info.name.startswith("manip3d._"):
             module = importlib.import_module(info.name)
@@ -59,7 +59,7 @@ def public_names() -> Iterator[tuple[str, str, object]]:
 
 
 def test_type_checkers_know_the_public_names_and_no_others() -> None:
-    """What ``if TYPE_CHECKING`` imports; a ``__getattr__`` there would accept any name."""
+    """``if TYPE_CHECKING`` imports all public names; a ``__getattr__`` would accept any name."""
     tree = ast.parse(Path(manip3d.__file__).read_text())
     for_checkers = next(node for node in tree.body if isinstance(node, ast.If))
     imported = {name.name for line in for_checkers.body if isinstance(line, ast.ImportFrom)
@@ -70,7 +70,7 @@ def test_type_checkers_know_the_public_names_and_no_others() -> None:
 
 
 def test_enumerations_of_the_core_are_those_of_python() -> None:
-    """pybind11's own kind, ``py::enum_``, takes a second of compilation for each."""
+    """Enumerations are Python's; pybind11's ``py::enum_`` takes a second each to compile."""
     found = [item for item in vars(_core).values() if hasattr(item, "__members__")]
     assert len(found) > 20
     for enumeration in found:

@@ -1,4 +1,4 @@
-"""What a newcomer meets first: steps that talk, what they install, which tests are skipped."""
+"""The first steps of a newcomer: messages of scripts, installed packages, skipped tests."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def test_a_step_that_fails_shows_everything() -> None:
 
 
 def needs_of_venv(folder: Path, user: int, python: str) -> list[str]:
-    """List what the Makefile wants before it makes .venv, for a user and a Python."""
+    """List the prerequisites of .venv in the Makefile, for a user and a Python."""
     for name, script in {"id": f"echo {user}", "a_python": python}.items():
         (folder / name).write_text(f"#!/bin/sh\n{script}\n")
         (folder / name).chmod(0o755)
@@ -115,7 +115,7 @@ def test_make_clean_keeps_what_a_user_measured() -> None:
 
 
 def nightly(folder: Path, steps: str) -> subprocess.CompletedProcess[str]:
-    """Run steps of the night with a `make` that only fails to fuzz."""
+    """Run steps of the nightly script with a `make` that fails at `fuzz` only."""
     make = folder / "make"
     make.write_text('#!/bin/sh\necho "made $2"\n[ "$2" != fuzz ]\n')
     make.chmod(0o755)
@@ -135,7 +135,7 @@ def test_a_night_goes_on_after_a_step_that_fails_and_names_it(tmp_path: Path) ->
 
 
 def installed(folder: Path, configuration: str, uv: str) -> subprocess.CompletedProcess[str]:
-    """Run what installs Python packages with a pip and a uv that only tell what they were told."""
+    """Run the installer of Python packages with a pip and a uv that print their arguments."""
     programs = folder / "bin"
     programs.mkdir()
     (programs / "pip").write_text(
@@ -234,7 +234,7 @@ print(build_backend.build_wheel("."))
 
 
 def built(folder: Path, npm: str | None) -> subprocess.CompletedProcess[str]:
-    """What the build backend does in a clone at ``folder`` where npm is a script, or absent."""
+    """Run the build backend in a clone at ``folder`` where npm is a script, or absent."""
     (folder / "packaging").mkdir()
     backend = ROOT / "packaging" / "build_backend.py"
     (folder / "packaging" / backend.name).write_text(backend.read_text())

@@ -97,7 +97,7 @@ def test_summary_prints_and_dumps() -> None:
 
 
 def welded_numbers(rows: np.ndarray) -> list[int]:
-    """Equal rows get equal numbers; -0.0 equals 0.0 as keys of a dict do."""
+    """Number the rows, with equal numbers for equal rows; -0.0 equals 0.0 as a key of a dict."""
     numbers: dict[tuple[float, ...], int] = {}
     return [numbers.setdefault(tuple(row), len(numbers)) for row in rows.tolist()]
 
@@ -112,7 +112,7 @@ def component_count(faces: list[list[int]]) -> int:
 
 
 def count_by_dictionary(all_faces: list[list[int]], suffix: str) -> dict[str, int]:
-    """The counts of one numbering of the vertices, straight from their definitions."""
+    """Return the counts of one numbering of the vertices, straight from their definitions."""
     faces = [face for face in all_faces if len(set(face)) == 3]
     edges = Counter(frozenset(pair) for a, b, c in faces for pair in ((a, b), (b, c), (c, a)))
     boundary = defaultdict(set)
@@ -193,7 +193,7 @@ def test_counts_do_not_depend_on_any_order(mesh: Mesh, random) -> None:
 
 
 def manifest_rows(text: str, title: str) -> dict[str, dict[str, str]]:
-    """One table of the data folder's MANIFEST.md: file -> column -> cell."""
+    """Return a table of the data folder's MANIFEST.md: file -> column -> cell."""
     lines = text.split(f"## {title}\n")[1].split("\n## ")[0].splitlines()
     cells = [[cell.strip() for cell in line.strip("|").split("|")] for line in lines if "|" in line]
     header, rows = cells[0][1:], cells[2:]
@@ -201,7 +201,7 @@ def manifest_rows(text: str, title: str) -> dict[str, dict[str, str]]:
 
 
 def manifest_cells(summary: MeshSummary, polygons: str) -> dict[str, str]:
-    """The cells of the tables 'Geometry' and 'Attributes' as a summary has them."""
+    """Return the cells of the tables 'Geometry' and 'Attributes' from a summary."""
 
     def pair(name: str) -> str:
         counts = summary.as_dict()
@@ -226,7 +226,7 @@ def manifest_cells(summary: MeshSummary, polygons: str) -> dict[str, str]:
     }
 
 
-# What depends on how a polygon is cut: the manifest cuts fans, which turns some inside out.
+# Cells that depend on the cut of polygons: the manifest cuts fans, which turns some inside out.
 CUT_DEPENDENT = (
     "boundary (stored / welded)",
     "non-manifold (stored / welded)",
@@ -235,7 +235,7 @@ CUT_DEPENDENT = (
 
 
 def obj_with_fans(path: Path) -> Mesh:
-    """Positions and faces of an OBJ file, its polygons cut from their first corners."""
+    """Read positions and faces of an OBJ file, with polygons cut from their first corners."""
     vertices, faces = [], []
     with lzma.open(path, "rt", encoding="latin-1") as lines:
         for key, *words in filter(None, map(str.split, lines)):

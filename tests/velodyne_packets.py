@@ -26,7 +26,7 @@ def block(azimuth: int, ranges: Sequence[int], *, flag: int = UPPER, shine: int 
 def packet(
     blocks: Sequence[Block], *, mode: int = STRONGEST, product: int = 0x21, time_us: int = 0
 ) -> bytes:
-    """The 1206 bytes of one data packet."""
+    """Return the 1206 bytes of one data packet."""
     assert len(blocks) == 12
     data = b""
     for flag, azimuth, firings in blocks:
@@ -43,7 +43,7 @@ def udp_frame(
     fragment: int = 0,
     sender: str = "127.0.0.1",
 ) -> bytes:
-    """An IPv4 packet with a UDP datagram."""
+    """Return an IPv4 packet with a UDP datagram."""
     length = 20 + 8 + len(payload)
     ip = struct.pack(">BBHHHBBH4s4s", 0x45, 0, length, 1, fragment, 64, protocol, 0,
                      socket.inet_aton(sender), b"\x7f\0\0\1")  # fmt: skip
@@ -66,7 +66,7 @@ def pcap(
     frames: Iterable[bytes], *, link: int = 1, order: str = "<", nanoseconds: bool = False,
     start: float = 1000.0, step: float = 0.25,
 ) -> bytes:  # fmt: skip
-    """A pcap file with a frame every ``step`` seconds."""
+    """Return a pcap file with a frame every ``step`` seconds."""
     magic = 0xA1B23C4D if nanoseconds else 0xA1B2C3D4
     data = [struct.pack(order + "IHHiIII", magic, 2, 4, 0, 0, 65535, link)]
     for i, frame in enumerate(frames):
@@ -85,7 +85,7 @@ def pcapng(
     start: Fraction = Fraction(1000),
     simple: bool = False,
 ) -> bytes:
-    """A pcapng file: a section, an interface, and an enhanced block per frame, 0.25 s apart.
+    """Return a pcapng file: section, interface, and an enhanced block per frame, 0.25 s apart.
 
     Simple blocks have no time. ``tick`` is the interface's if_tsresol: a power of ten, or of two
     where 128 is added.
@@ -110,7 +110,7 @@ def pcapng(
 
 
 def hdl64e_calibration(*, two_points: bool, seed: int = 0) -> VelodyneCalibration:
-    """A calibration as an HDL-64E has: 64 lasers, offsets of some centimetres and decimetres."""
+    """Return a calibration as of an HDL-64E: 64 lasers, offsets of centimetres to decimetres."""
     rng = np.random.default_rng(seed)
     elevation = np.concatenate([np.linspace(2.0, -8.33, 32), np.linspace(-8.83, -24.33, 32)])
     return VelodyneCalibration(
@@ -128,9 +128,9 @@ def hdl64e_calibration(*, two_points: bool, seed: int = 0) -> VelodyneCalibratio
 def ray_points(
     calibration: VelodyneCalibration, laser: np.ndarray, azimuth_deg: np.ndarray, raw: np.ndarray
 ) -> np.ndarray:
-    """Where returns lie, by vectors: a laser's place plus its direction times the range.
+    """Return points by vectors: the place of a laser plus its direction times the range.
 
-    Right, ahead, up as in the manual; then x ahead, y left, z up.
+    The manual's axes (right, ahead, up) become x ahead, y left, z up.
     """
     azimuth = np.radians(azimuth_deg + calibration.azimuth_offset[laser])
     elevation = np.radians(calibration.elevation[laser])
@@ -162,7 +162,7 @@ def ray_points(
 
 
 def vls128_packets(count: int) -> list[bytes]:
-    """Packets of a VLS-128: blocks of 4 x 32 lasers, one column after the other."""
+    """Return packets of a VLS-128: blocks of 4 x 32 lasers, one column after the other."""
     flags = (UPPER, LOWER, 0xCCFF, 0xBBFF)
     return [
         packet(
@@ -177,10 +177,10 @@ def vls128_packets(count: int) -> list[bytes]:
 def seen_turns(
     low: float, high: float, *, turns: int = 6, hertz: int = 10, has_times: bool = True
 ) -> list[bytes]:
-    """Packets of a VLP-16 whose field of view is ``low`` to ``high`` degrees, beyond 0 if larger.
+    """Return packets of a VLP-16 with a field of view from ``low`` to ``high`` degrees.
 
-    Turns begin at 0 degrees. As in the sensor, a packet holds the next twelve blocks that are seen,
-    and the time of the first of them.
+    If ``low`` is larger, the view includes 0 degrees, where turns begin. As in the
+    sensor, a packet holds the next twelve blocks that are seen, and the time of the first one.
     """
     column_us = 110.592
     step = 36e-3 * column_us * hertz  # 0.01 degrees per column
@@ -199,7 +199,7 @@ def seen_turns(
 
 
 def whole_recording(model: str) -> bytes:
-    """Packets of a little more than a turn, made of whole numbers only."""
+    """Return packets of a little more than a turn, made of whole numbers only."""
     packets = []
     for index in range(90):
         blocks: list[Block] = []
@@ -216,7 +216,7 @@ def whole_recording(model: str) -> bytes:
 
 
 def plain_calibration() -> VelodyneCalibration:
-    """An HDL-64E of round numbers, offsets at two distances."""
+    """Return a calibration of an HDL-64E with round numbers and offsets at two distances."""
     laser = np.arange(64.0)
     return VelodyneCalibration(
         elevation=2.0 - 0.375 * laser,

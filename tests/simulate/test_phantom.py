@@ -1,4 +1,4 @@
-"""The phantom limb against the simulator's truth: its whole body, the intact limb reflected."""
+"""The phantom limb is compared with the simulator's truth, the reflected intact limb."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def points_of(result: PhantomFrame, kinds: tuple[PixelKind, ...]) -> NDArray[np.
 
 
 def errors_of(result: PhantomFrame, capture: BodyCapture, limb: str) -> NDArray[np.float64]:
-    """Distances of the mirrored points to the limb that ought to be there."""
+    """Return the distances of the mirrored points to the true phantom limb."""
     points = points_of(result, (PixelKind.PHANTOM, PixelKind.AWAY))
     return closest_points(capture.truth.phantom(limb), points).distance  # type: ignore[arg-type]
 
@@ -92,7 +92,7 @@ def test_sources_are_exact_where_nothing_is_filled(limb: Any) -> None:
     i, j = result.source[drawn].T
     intact = [MIRRORED_JOINTS[bone] for bone in np.unique(result.labels[drawn])]
     labels = result.labels[i, j]
-    # What another body part covers was mirrored before it was covered.
+    # Points are mirrored before other body parts cover them, so nearly all come from the limb.
     assert np.isin(labels, intact).mean() > 0.99
     assert (capture.frame.body_index[i, j] == 0).all()  # type: ignore[index]
 
@@ -105,7 +105,7 @@ def test_no_hole_over_two_pixels_up_to_ten_degrees(turn: float) -> None:
         capture = with_true_joints(simulator.capture(time))
         result = PhantomPipeline("right_arm", smoothing=None).process(capture.frame)
         shown = result.kinds > 0
-        # What an arm encloses with the trunk is no hole where really nobody is.
+        # A gap between arm and trunk is a hole only if the true phantom or body is there.
         reflected = cast_mesh(capture.truth.phantom("right_arm"), DEPTH_CAMERA) > 0
         there = reflected | (capture.truth.people == 0)
         holes, _ = ndimage.label(ndimage.binary_fill_holes(shown) & ~shown & there)
@@ -116,7 +116,7 @@ def test_no_hole_over_two_pixels_up_to_ten_degrees(turn: float) -> None:
 
 @pytest.mark.parametrize("turn", [-25.0, -40.0])
 def test_an_arm_whose_back_alone_is_known_hides_the_chest(turn: float) -> None:
-    """Who turns the missing arm towards the camera shows it the inner side of the other one."""
+    """A phantom arm hides the chest, although the camera sees only the intact arm's inner side."""
     simulator = simulated(motion="reach", amputated="left_arm", turn=turn, noise=0.0)
     capture = with_true_joints(simulator.capture(1.6))
     result = PhantomPipeline("left_arm", smoothing=None).process(capture.frame)
@@ -153,7 +153,7 @@ def test_a_second_without_a_skeleton() -> None:
 
 
 def test_smoothing_steadies_the_hand() -> None:
-    """(c) of the page: joints that jitter by 1 cm move the hand by more; filters make it less."""
+    """Filters of joints reduce the jitter of the phantom hand; point (c) of the chapter's page."""
     frames = list(simulated(motion="still", jitter=0.01, frames=40))
     spread = []
     for smoothing in (None, "default", "seated"):
@@ -169,7 +169,7 @@ def test_smoothing_steadies_the_hand() -> None:
     [("left_arm", "elbow-bent"), ("right_arm", "still"), ("left_leg", "still")],
 )
 def test_an_empty_sleeve_goes_with_the_limb(limb: Any, motion: str) -> None:
-    """The tracker makes up joints of the missing limb, and the cloth hangs beside them."""
+    """Cloth that hangs beside made-up joints of a missing limb is taken out."""
     simulator = simulated(
         motion=motion,
         side="right" if limb.startswith("left") else "left",
@@ -206,7 +206,10 @@ def test_an_empty_sleeve_goes_with_the_limb(limb: Any, motion: str) -> None:
 def test_a_sleeve_of_a_turned_body_goes_or_is_not_tracking(
     limb: Any, turn: float, dressing: str
 ) -> None:
-    """There the intact limb hides the places where the cloth has no mirror image."""
+    """Cloth of a turned body is taken out, or the state is not tracking.
+
+    The intact limb hides the places that would show that the cloth has no mirror image.
+    """
     simulator = simulated(
         motion="still",
         side="right" if limb.startswith("left") else "left",
@@ -235,7 +238,7 @@ def test_a_sleeve_of_a_turned_body_goes_or_is_not_tracking(
 
 @pytest.mark.parametrize("dressing", ["sleeve", "bare"])
 def test_cloth_that_symmetry_cannot_tell_is_measured(dressing: str) -> None:
-    """A tracker that gathers the joints of the missing leg about the stump takes no cloth out."""
+    """Cloth that stays, because joints of the missing leg lie at the stump, is measured."""
     simulator = simulated(
         motion="still",
         side="right",
@@ -261,7 +264,7 @@ def test_cloth_that_symmetry_cannot_tell_is_measured(dressing: str) -> None:
 
 @pytest.mark.parametrize(("limb", "motion"), [("left_arm", "elbow-bent"), ("right_arm", "reach")])
 def test_joints_that_fly_take_nothing_of_chest_and_neck(limb: Any, motion: str) -> None:
-    """A Kinect V2 says that it sees the joints of a missing arm, somewhere about the person."""
+    """Joints of a missing arm that a Kinect V2 places about the person take nothing out."""
     simulator = simulated(motion=motion, amputated=limb, tracker="kinect-v2", turn=20.0, seed=7)
     pipeline = PhantomPipeline(limb)
     for number in range(16):
@@ -276,7 +279,7 @@ def test_joints_that_fly_take_nothing_of_chest_and_neck(limb: Any, motion: str) 
 
 
 def test_an_arm_that_the_camera_looks_through_is_not_mirrored() -> None:
-    """A mirrored image: the joints of the arm that reaches out lie before the stump's pixels."""
+    """An arm whose joints lie far before their pixels, as in a mirrored image, is not mirrored."""
     body = simulated(motion="reach", amputated="right_arm", tracker="kinect-v2", seed=1)
     pipeline = PhantomPipeline("right_arm")
     for number in range(20):

@@ -1,4 +1,4 @@
-"""What is simulated does not depend on the kernels that a BLAS chooses by the processor."""
+"""Simulated data do not depend on the kernels that a BLAS chooses by the processor."""
 
 from __future__ import annotations
 

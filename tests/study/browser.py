@@ -18,7 +18,7 @@ SECONDS = 30.0
 
 
 def wait_for(condition: Callable[[], Any], what: str = "") -> Any:
-    """What a condition gives once it holds."""
+    """Wait until a condition holds; return its value."""
     end = time.monotonic() + SECONDS
     while not (found := condition()):
         assert time.monotonic() < end, what
@@ -28,19 +28,19 @@ def wait_for(condition: Callable[[], Any], what: str = "") -> Any:
 
 @contextmanager
 def served(study: Study, folder: StudyFolder, port: int = 0) -> Iterator[LocalServer]:
-    """A study on a server."""
+    """Serve a study."""
     with study_server(study, folder, port=port) as server:
         yield server
 
 
 class Participant:
-    """Somebody before a page."""
+    """A participant in front of a page of the study."""
 
     def __init__(self, tab: _chromium.Tab) -> None:
         self.tab = tab
 
     def begin(self, code: str) -> None:
-        """Type a code."""
+        """Type a code and continue."""
         wait_for(lambda: self.tab.evaluate("!!document.querySelector('[name=participant]')"), code)
         self.tab.evaluate(
             f"document.querySelector('[name=participant]').value = {json.dumps(code)};"
@@ -48,7 +48,7 @@ class Participant:
         )
 
     def step(self) -> dict[str, Any] | None:
-        """The step that is shown and can be answered, or None."""
+        """Return the step that is shown and can be answered, or None."""
         text = self.tab.evaluate(
             "JSON.stringify((() => {"
             "const buttons = [...document.querySelectorAll('#form button')];"
@@ -59,7 +59,7 @@ class Participant:
         return found
 
     def next_step(self, after: str = "") -> dict[str, Any] | None:
-        """The next step that can be answered; None at the end."""
+        """Return the next step that can be answered; None at the end."""
 
         def there() -> dict[str, Any] | bool | None:
             if self.tab.evaluate("!!document.querySelector('#end')"):
@@ -71,7 +71,7 @@ class Participant:
         return None if found is True else found
 
     def answer(self, values: dict[str, str]) -> None:
-        """Fill in the form and send it, as hands would: by its inputs and its buttons."""
+        """Fill in the form and send it through its inputs and buttons."""
         self.tab.evaluate(
             f"""(() => {{
             const values = {json.dumps(values)};
@@ -101,7 +101,7 @@ class Participant:
 
 
 def plain_answer(step: dict[str, Any]) -> dict[str, str]:
-    """An answer to the questions that all studies ask, and a fixed one to others."""
+    """Return an answer to the questions that all studies ask, and a fixed one to others."""
     found = {}
     for field in step["fields"]:
         if field["type"] == "choice":
@@ -116,7 +116,7 @@ def plain_answer(step: dict[str, Any]) -> dict[str, str]:
 
 
 def picture_of(tab: _chromium.Tab, path: Path) -> None:
-    """Write what is seen."""
+    """Write a screenshot."""
     import base64
 
     tab.evaluate("new Promise(d => requestAnimationFrame(() => requestAnimationFrame(d)))")

@@ -63,7 +63,7 @@ def test_from_consent_to_csv(chromium: None, tmp_path: Path) -> None:
     verdicts = [row for row in rows if row["question"] == "verdict"]
     assert [row["answer"] for row in verdicts] == ["undecidable"] * 4
     assert sum("truth=type2" in row["condition"] for row in verdicts) == 2
-    # What somebody types is no formula in a spreadsheet.
+    # Typed text must not become a formula in a spreadsheet.
     assert {row["answer"] for row in rows if row["question"] == "reason"} == {"'=HYPERLINK(1)"}
     with (results / "summary.csv").open(newline="", encoding="utf-8-sig") as stream:
         low = [row for row in csv.DictReader(stream) if row["resolution"] == "low"]

@@ -1,4 +1,4 @@
-"""What can be drawn and shown on this machine."""
+"""Fixtures of the viewer's tests, which are skipped if the viewer is not built."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What tests read out of pages and of the browser that shows them."""
+"""Readers of the content of pages and of the browser that shows them."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from manip3d.viewer import _chromium
 
 
 def content(text: str) -> dict:
-    """What Python wrote into the page."""
+    """Return the data that Python wrote into the page."""
     found = re.search(r'id="manip3d-page">(.*?)</script>', text, re.DOTALL)
     assert found is not None
     return json.loads(found[1])
 
 
 def screenshot(tab: _chromium.Tab) -> np.ndarray:
-    """What the browser shows, (H, W, 3)."""
+    """Return a screenshot of the browser, (H, W, 3)."""
     from PIL import Image
 
     tab.evaluate("new Promise(r => requestAnimationFrame(() => requestAnimationFrame(r)))")
@@ -29,5 +29,5 @@ def screenshot(tab: _chromium.Tab) -> np.ndarray:
 
 
 def reddish(image: np.ndarray) -> np.ndarray:
-    """Which pixels are red."""
+    """Return a mask of the red pixels."""
     return (image[..., 0] > image[..., 1] + 80) & (image[..., 0] > image[..., 2] + 80)

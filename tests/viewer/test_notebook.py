@@ -1,4 +1,4 @@
-"""What a mesh shows of itself in a notebook."""
+"""The representation of a mesh in a notebook: a viewer, a picture or text."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ def test_huge_meshes_are_text_only(quad: Mesh, monkeypatch: pytest.MonkeyPatch) 
 def test_a_renderer_that_cannot_be_imported_leaves_the_text(
     quad: Mesh, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The same happens to pyvista where ``libGL.so.1`` is missing."""
+    """A renderer that fails to import, as pyvista without ``libGL.so.1``, leaves the text."""
     (tmp_path / "pyvista.py").write_text('raise ImportError("libGL.so.1: cannot open")')
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.delitem(sys.modules, "pyvista", raising=False)

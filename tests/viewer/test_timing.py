@@ -1,4 +1,4 @@
-"""How long frames take: who drew them, how many there are, and what is refused."""
+"""`frame_times`: the renderer, the number of frames, and refused arguments."""
 
 from __future__ import annotations
 
