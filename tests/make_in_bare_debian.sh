@@ -22,7 +22,7 @@ bare=${BARE_DEBIAN:-$folder/bare}
   mv "$bare.part" "$bare"
 }
 cp -a "$bare" "$root"
-# How this machine reaches its package index: names, certificates, pip's configuration.
+# The new system reaches the package index as this machine does: names, certificates and pip.conf.
 cp -L /etc/resolv.conf /etc/hosts "$root/etc/"
 cp -L /etc/ssl/certs/ca-certificates.crt "$root/etc/ssl/certs/"
 [ ! -e /etc/pip.conf ] || cp /etc/pip.conf "$root/etc/"

@@ -15,7 +15,7 @@ debootstrap --variant=minbase --include=python3-venv,ca-certificates "$codename"
   >"$root.log" 2>&1 || { cat "$root.log" >&2; exit 1; }
 rm -f "$root.log"
 cp "$wheel" "$root/tmp/"
-# How this machine reaches its package index: names, certificates, pip's configuration.
+# The new system reaches the package index as this machine does: names, certificates and pip.conf.
 cp -L /etc/resolv.conf /etc/hosts "$root/etc/"
 cp -L /etc/ssl/certs/ca-certificates.crt "$root/etc/ssl/certs/"
 [ ! -e /etc/pip.conf ] || cp /etc/pip.conf "$root/etc/"

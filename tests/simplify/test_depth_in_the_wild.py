@@ -511,7 +511,7 @@ def test_an_image_is_that_of_one_time_only(tmp_path: Path) -> None:
 
 
 def test_most_frames_have_a_picture(tmp_path: Path) -> None:
-    """As many frames as possible get a picture, although each is nearer to the next frame."""
+    """The largest number of frames get a picture, although each is nearer to the next frame."""
     frames = touched(tmp_path / "depth", TIMES)
     others = touched(tmp_path / "color", [time + 0.018 for time in TIMES])
     pairs = simplify.colors_of_frames(frames, tmp_path / "color")

@@ -528,7 +528,7 @@ def test_a_seam_is_as_dear_as_what_is_seen_beside_it(faces: int, most: float) ->
 
 @pytest.mark.parametrize("shown", [0, 1])
 def test_the_piece_whose_texture_is_shown_beside_it_vanishes(shown: int) -> None:
-    """Of two equal pieces above a square, the one with the square's texture vanishes."""
+    """The piece that has the texture of the square below it vanishes, and its equal stays."""
     square = flat(10)
     pieces = [tetrahedron((0.2, 0.2, 0.01), 0.05), tetrahedron((0.7, 0.7, 0.01), 0.05)]
     mesh = together(square, *pieces)

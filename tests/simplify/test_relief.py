@@ -165,7 +165,7 @@ def test_each_effort_is_nearer_than_the_one_before(target: int) -> None:
 
 
 def test_live_spends_its_points_by_area_and_not_by_pixels() -> None:
-    """Of two walls with equal waves, the far one with 256 times the area gets the points."""
+    """Points go to the far one of two walls with equal waves, which has 256 times the area."""
     v, u = np.mgrid[0:120, 0:160].astype(float)
     waves = 1 + 0.01 * np.sin(u / 5) * np.cos(v / 6)
     depth = (np.where(u < 80, 0.5, 8.0) * waves).astype(np.float32)

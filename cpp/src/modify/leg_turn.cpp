@@ -135,7 +135,7 @@ struct LegPlane {
 /// Fit the plane at which the points of each leg lie on the skin of the other, with the plane of
 /// the trunk as a wide prior.
 ///
-/// Which part of a thigh is visible depends on its direction. Points are therefore fitted to the
+/// The visible part of a thigh depends on its direction. Points are therefore fitted to the
 /// skin and not to points: they may lie anywhere along the bone. Both directions (each leg onto the
 /// other) are used, because the joints of either leg can be wrong. With the normal n = n_t + a z_t
 /// + b y_t, the shift c, s = n (p - o) - c and the mirrored point p' = p - 2 s n, changes of a, b
