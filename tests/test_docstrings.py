@@ -261,7 +261,9 @@ def test_descriptions_name_what_they_describe() -> None:
     assert not found
 
 
-FRAGMENT = re.compile(r"(@(param|return)( \w+)?\s+)?(Of|So|That|Else)\b")
+FRAGMENT = re.compile(
+    r"(@(param|return)( \w+)?\s+)?(Of|So|That|Else|Where|What|As|How|Who|Whom|Whose)\b"
+)
 """Openings without a subject, which the reader has to guess: "Of the table; others are counted"."""
 PERHAPS_FRAGMENT = re.compile(rf"[#:rR\"'/*<]\s*{FRAGMENT.pattern}")
 """A file without a match has no such opening, and need not be taken apart."""
@@ -317,8 +319,10 @@ def test_comments_do_not_begin_with_fragments() -> None:
         (comments_of_python, '"""Of a table."""\nX = 1  # So far.\n# A\n# That is A.\n', [1, 2]),
         (comments_of_python, 'claim = Claim(\n    "Of all methods"\n)\n"""That one."""\n', [4]),
         (comments_of_python, 'def f():\n    r"""Else none."""\n    return "Of course"\n', [2]),
+        (comments_of_python, '"""What is read."""\nX = 1  # How.\n# A\n# Where A is.\n', [1, 2]),
         (comments_of_cpp, "/// Of a\n/// So b\nint x;  ///< Else y.\n", [1, 3]),
         (comments_of_cpp, "/// A.\n/// @param x  That of y\nauto s = 1;\n", [2]),
+        (comments_of_cpp, "/// As for y.\nint x;  ///< Who wrote it.\n", [1, 2]),
     ],
 )
 def test_fragments_are_noticed(reader: Any, text: str, lines: list[int]) -> None:

@@ -218,7 +218,7 @@ class Coverage {
         rows_(box.height),
         covered_(static_cast<std::size_t>(cols_ * rows_), std::uint8_t{0}) {}
 
-  /// @param i  As DepthBuffer::index().
+  /// @param i  Number of a pixel, as DepthBuffer::index() gives it.
   void add(std::int64_t i) { covered_[i] = 1; }
   /// Adds the rows from `row` on, given by the depths of a band of the box.
   void add_rows(std::int64_t row, const DepthBuffer& band) {

@@ -15,7 +15,7 @@ namespace manip3d {
 /// points far from the skin of every bone, and points that no surface connects to points near a
 /// skin.
 ///
-/// @param points    As collected by find_person(); they are labelled as a side effect.
+/// @param points    Points that find_person() collected; they are labelled as a side effect.
 /// @param bones     Bones of the person. If they have no radii, nothing is dropped.
 /// @param affected  Points of the affected limb are kept only within the thickness of its clothes,
 ///                  because chairs may be in the place of a missing limb.

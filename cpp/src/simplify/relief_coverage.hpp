@@ -41,7 +41,7 @@ struct CutCoverage {
 
 /// depth_coverage() for an existing surface.
 /// @param off  By face: whether it is excluded from `without_off`; may be empty: none is.
-/// @param filled  As for depth_coverage().
+/// @param filled  (k, 2) column and row of filled pixels; see depth_coverage().
 CutCoverage coverage_of(const Surface& surface,
                         const Eigen::Ref<const Rows<std::int32_t, 2>>& pixels,
                         const Eigen::Ref<const Rows<std::int32_t, 3>>& faces,

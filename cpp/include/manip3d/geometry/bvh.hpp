@@ -133,7 +133,7 @@ struct ClosestPoints {
 /// The nearest point of `mesh` for each row of `points`.
 /// @param max_distance  If no face is within this distance, the face is -1, the distance infinite
 ///                      and the point NaN.
-/// @param num_threads   As in parallel_chunks.
+/// @param num_threads   Number of threads, with the meaning that it has for parallel_chunks.
 /// @throws InputError  see TriangleBvh; max_distance negative or NaN.
 ClosestPoints closest_points(const MeshView& mesh, const Eigen::Ref<const Vertices>& points,
                              double max_distance, int num_threads = 0,
