@@ -1020,7 +1020,7 @@ def test_the_noise_is_what_its_definition_says() -> None:
 
 
 def test_wrong_arguments_are_named() -> None:
-    with pytest.raises(InputError, match="frames: expected one at least"):
+    with pytest.raises(InputError, match="frames: expected at least one"):
         authenticate.inspect_stream([])
     with pytest.raises(InputError, match="images of one size"):
         authenticate.inspect_stream([sensed(0), changed(lambda z: z[:100])[0]])

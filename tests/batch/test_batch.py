@@ -261,7 +261,7 @@ def test_a_nested_function_and_one_of_a_package_s_main_are_told_where_to_go(
 
 
 ENDED = (
-    "InputError: jobs: all workers ended as they started, see what they printed; if a script calls "
+    "InputError: jobs: all workers ended at their start (see their output); if a script calls "
     'this, it must do so below `if __name__ == "__main__":`, because its worker processes import it'
 )
 

@@ -358,8 +358,8 @@ def test_a_changed_audit_is_shown_and_then_named(path: str) -> None:
 @pytest.mark.parametrize(
     ("words", "told"),
     [
-        (("--pain", "4", "--ppi", "3"), "--ppi: expected --mcgill with it"),
-        (("--pain", "4", "--occasion", "baseline"), "--occasion: expected --mcgill with it"),
+        (("--pain", "4", "--ppi", "3"), "--ppi: can only be given with --mcgill"),
+        (("--pain", "4", "--occasion", "baseline"), "--occasion: can only be given with --mcgill"),
         (("--event", " "), "--event: expected words"),
     ],
 )

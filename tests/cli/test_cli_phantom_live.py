@@ -144,9 +144,12 @@ def test_another_machine_is_served_encrypted_with_the_kept_certificate(
         (["--seconds", "0"], "--seconds: expected > 0"),
         (
             ["--intrinsics", "kinect-v2"],
-            "--intrinsics, --units-per-metre, --rate: expected --source",
+            "--intrinsics, --units-per-metre, --rate: can only be given with --source",
         ),
-        (["--rate", "15"], "--intrinsics, --units-per-metre, --rate: expected --source with them"),
+        (
+            ["--rate", "15"],
+            "--intrinsics, --units-per-metre, --rate: can only be given with --source",
+        ),
         (["--source", "mkv:a.mkv", "--intrinsics", "kinect-v2"], "--intrinsics: expected a bag or"),
     ],
 )

@@ -117,16 +117,16 @@ def test_a_trigger_that_does_not_come_is_an_error(walk: Path, tmp_path: Path) ->
     out = tmp_path / "out"
     done = manip3d("capture", "record", walk, "-o", out, "--trigger", "SIGUSR1")
     assert done.returncode == 1
-    assert "--trigger SIGUSR1: it did not come before the source ended" in done.stderr
+    assert "--trigger SIGUSR1: the event did not occur before the source ended" in done.stderr
     assert not out.exists()
     film = manip3d("capture", "record", walk, "-o", tmp_path / "a.mkv", "--trigger", "SIGUSR1")
     assert "a.mkv was not written" in film.stderr
     out.mkdir()
     again = manip3d("capture", "record", walk, "-o", out, "--trigger", "SIGUSR1", "--force")
-    assert "it did not come" in again.stderr
+    assert "the event did not occur" in again.stderr
     assert [path.name for path in tmp_path.iterdir() if path != walk] == ["out"]  # it was there
     refused = manip3d("capture", "record", walk, "-o", tmp_path / "b", "--before", "1")
-    assert "--before: expected --trigger with it" in error_line(refused)
+    assert "--before: can only be given with --trigger" in error_line(refused)
     seen = manip3d("capture", "record", walk, "-o", tmp_path / "c", "--trigger", "person", "-q")
     assert (seen.returncode, seen.stderr) == (0, "")
     assert capture.open_rgbd(f"folder:{tmp_path / 'c'}").num_frames == 9

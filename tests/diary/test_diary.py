@@ -202,7 +202,7 @@ def test_refusals(diary: Diary) -> None:
             "at: expected a time with its",
         ),
         (lambda: diary.start_session("P9"), "participant: 'P9' is not enrolled"),
-        (lambda: diary.add_game(1, game()), "session: there is none"),
+        (lambda: diary.add_game(1, game()), "session: there is no session"),
         (lambda: diary.add_rating("P01", 11), "pain: expected 0 to 10, got 11"),
         (lambda: diary.add_rating("P02", 1, session=session), "is another participant's"),
         (lambda: diary.add_rating("P01", 1, when="soon"), "when: expected"),

@@ -199,7 +199,7 @@ def test_answers_are_kept_with_their_questions_and_exported(
             diary.add_answers("P01", form, [0, 1, 0], occasion="baseline")
         with pytest.raises(InputError, match="occasion: expected"):
             diary.add_answers("P01", form, [0, 1, 0], occasion="noon")  # type: ignore[arg-type]
-        with pytest.raises(InputError, match="session: there is none"):
+        with pytest.raises(InputError, match="session: there is no session"):
             diary.add_answers("P01", form, [0, 1, 0], session=5)
         with pytest.raises(InputError, match="answers: expected 3, got 2"):
             diary.add_answers("P01", form, [0, 1])

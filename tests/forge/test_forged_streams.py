@@ -248,7 +248,7 @@ def test_wrong_arguments_are_named() -> None:
     ):
         with pytest.raises(InputError, match=message):
             forge.stream([person()], wall(), **options)  # type: ignore[arg-type]
-    with pytest.raises(InputError, match="background: expected a frame at least"):
+    with pytest.raises(InputError, match="background: expected at least one frame"):
         forge.stream([person()], [], kind=1)
 
 

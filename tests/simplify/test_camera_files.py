@@ -804,7 +804,7 @@ def test_frames_of_a_transforms_json_are_found_by_name(tmp_path: Path) -> None:
         ('{"frames": []}', "expected 'frames'"),
         ('{"frames": {"a": 1}}', "expected 'frames'"),
         ('{"frames": [3]}', r"frames\[0\]: expected an object"),
-        ('{"frames": [{}]}', r"frames\[0\]\.transform_matrix: expected one, found none"),
+        ('{"frames": [{}]}', r"frames\[0\]\.transform_matrix: expected a matrix, found none"),
     ],
 )
 def test_a_transforms_json_without_frames_is_refused(

@@ -588,7 +588,7 @@ def test_a_wheelchair_stands_around_who_sits_in_it() -> None:
         ("sim:body?dressing=bandage", "dressing: expected bare without amputated, got 'bandage'"),
         ("sim:body?dressing=gold", "dressing: expected one of bare, bandage, sleeve, got 'gold'"),
         ("sim:body?chair=sofa", "chair: expected one of chair, wheelchair, got 'sofa'"),
-        ("sim:body?chair=wheelchair&sitting=no", "chair: expected chair where sitting is no"),
+        ("sim:body?chair=wheelchair&sitting=no", "chair: expected chair with sitting=no"),
     ],
 )
 def test_a_stump_and_a_chair_that_cannot_be(address: str, text: str) -> None:

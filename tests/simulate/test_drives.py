@@ -135,7 +135,7 @@ def test_a_stopped_run_leaves_nothing(place: Street, tmp_path: Path) -> None:
 
 
 def test_an_existing_folder_and_a_short_street_are_refused(place: Street, tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="expected a new folder, this one exists"):
+    with pytest.raises(InputError, match="expected a new folder, but this one exists"):
         write_drive(place, tmp_path, 1)
     with pytest.raises(InputError, match="times: expected the car on the street"):
         write_drive(place, tmp_path / "far", 100_000)
@@ -153,7 +153,7 @@ def test_only_a_simulated_drive_is_replaced(place: Street, tmp_path: Path) -> No
     assert not first.exists()
     assert len(open_kitti(second)) == 1
     (target / "mine.txt").write_text("keep")
-    with pytest.raises(InputError, match="or one of a simulated drive, this one exists"):
+    with pytest.raises(InputError, match="or one of a simulated drive, but this one exists"):
         write_drive(place, target, 1, pictures=False, overwrite=True)
     assert len(open_kitti(second)) == 1
     assert [path.name for path in tmp_path.iterdir()] == ["drive"]

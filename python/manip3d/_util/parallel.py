@@ -143,7 +143,7 @@ def _run_in_processes(tasks: Mapping[_Key, Task], workers: int) -> Generator[tup
         except BrokenProcessPool as error:
             if not has_started.is_set():
                 raise InputError(
-                    "jobs: all workers ended as they started, see what they printed; if a script "
+                    "jobs: all workers ended at their start (see their output); if a script "
                     f"calls this, it must do so {_GUARD}"
                 ) from error
             # A task crashed its worker: run each alone to find which one.

@@ -203,7 +203,7 @@ def inspect_stream(frames: Iterable[RgbdFrame], *, progress: Progress = None) ->
     """
     some, has_more = frames_to_judge(frames)
     if not some:
-        raise InputError("frames: expected one at least, got none")
+        raise InputError("frames: expected at least one, got none")
     if any(frame.depth.shape != some[0].depth.shape for frame in some):
         raise InputError("frames: expected images of one size")
     some, remark = without_marks(some)

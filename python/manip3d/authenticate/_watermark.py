@@ -487,7 +487,7 @@ class Watermarker(Closing):
             )
         clock = time.time_ns()
         if self._key.expires_ns and clock >= self._key.expires_ns:
-            raise InputError("key: it has expired, and embeds no more")
+            raise InputError("key: the key has expired, and cannot embed any more")
         if time_ns is None:
             time_ns = clock if frame.time_ns is None else frame.time_ns
         points, record, number, tiles, exact, samples = self._begun().embed(

@@ -276,7 +276,7 @@ def _listed(sources: Any, suffixes: Sequence[str] | None, output: Place | None) 
     lies_in_output = _lies_in(output)
     kept = [file for file in found if file.is_named or not lies_in_output(file.name)]
     if not kept:
-        raise InputError("sources: expected files, found those of the output only")
+        raise InputError("sources: expected files, found only those in the output folder")
     return kept
 
 

@@ -164,11 +164,11 @@ def run(
     Three checks judge the frames. The watermark is verified in every frame if there is a key.
     LiDAR and cameras are compared in every frame (with --live, if there is time). Forensics judge
     one frame a second, each frame that the others cannot judge, and each frame that only the
-    cameras accuse. With --budget these are at most one accused frame a second more; with --live
-    forensics work in the background, so that their verdict comes some frames later, and frames that
-    only the cameras accuse come first. If a picture, record or speed cannot be read, or the
-    calibration is missing or of pictures of another size, the other checks still judge the
-    frame. A drive that ends in an error is judged by the frames before the error.
+    cameras accuse. With --budget, forensics judge at most one accused frame more each second. With
+    --live they work in the background, so that their verdict comes some frames later, and frames
+    that only the cameras accuse come first. If a picture, record or speed cannot be read, or the
+    calibration is missing or of pictures of another size, the other checks still judge the frame. A
+    drive that ends in an error is judged by the frames before the error.
 
     The output is a timeline with maps and boxes (.html) or the numbers (.json). The exit code is 0
     if nothing was found, 3 if a frame was tampered with, and 4 if a frame cannot be judged or the

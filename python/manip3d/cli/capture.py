@@ -236,7 +236,9 @@ def write_recording(
         else:
             remove_recording(place)
             found = f"{output} was not written"
-        raise InputError(f"--trigger {trigger}: it did not come before the source ended; {found}")
+        raise InputError(
+            f"--trigger {trigger}: the event did not occur before the source ended; {found}"
+        )
     if was_there and not done.frames:
         raise InputError(f"{source.uri}: expected a frame, found none; {output} is as it was")
     told = "" if done.frames_with_skeleton else "; no frame of the source has a skeleton"
@@ -535,7 +537,7 @@ def capture_record(
     """
     check_recording_output(output, force=force)
     if before and not trigger:
-        raise InputError("--before: expected --trigger with it")
+        raise InputError("--before: can only be given with --trigger")
     if lossless_color and quality != _QUALITY:
         raise InputError("--quality: expected none with --lossless-color, which stores no JPEG")
     shell = Terminal(as_json=as_json, quiet=quiet)
@@ -584,7 +586,7 @@ def capture_play(
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
-    """Read all frames, print how fast they come; with -o, draw them.
+    """Read all frames and print their rate; with -o, draw them.
 
     Example: manip3d capture play patient.mkv -o frames.png
     """
@@ -618,8 +620,8 @@ def capture_export(
     person: Annotated[
         int | None,
         typer.Option(
-            help="Id of the person; by default all in a table, in a motion the first, also under "
-            "new ids."
+            help="Id of the person. By default a table has all people, and a motion the first one, "
+            "who is followed under new ids, too."
         ),
     ] = None,
     frames: MostFrames = None,

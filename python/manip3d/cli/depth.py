@@ -239,7 +239,7 @@ def _in_order(given: Mapping[str, Any]) -> AbstractContextManager[None] | None:
 
     with naming_options(*_OPTIONS, "dask"):
         if "dask" in given["shared"]:
-            raise InputError("dask: cannot be given with stable, which goes through files in order")
+            raise InputError("dask: cannot be given with stable, which reads the files in order")
         return _through(DepthSequence(_options_of(given)))
 
 

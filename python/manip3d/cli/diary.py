@@ -372,7 +372,7 @@ def rate(
         raise InputError("expected --pain, --mcgill or --event")
     if mcgill is None and (ppi is not None or occasion is not None):
         name = "--ppi" if ppi is not None else "--occasion"
-        raise InputError(f"{name}: expected --mcgill with it")
+        raise InputError(f"{name}: can only be given with --mcgill")
     if event is not None and not event.strip():
         raise InputError("--event: expected words, got none")
     if event is not None:
@@ -581,7 +581,7 @@ def delete(
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
-    """Delete a participant. No byte of what they said and did remains in the diary.
+    """Delete a participant. No byte of their data remains in the diary.
 
     Exported files are listed, also tables of several participants; --exports removes those that
     were not changed. Other copies are not deleted, nor old data that the disk itself keeps of
@@ -726,10 +726,11 @@ def rescue(
 
 @app.command("analyse")
 def analyse(path: File, key: Key = None, as_json: Json = False) -> None:
-    """Analyse a study. It prints McGill at baseline, week 1 and week 4, responders and adherence.
+    """Analyse a study. It prints McGill scores over time, responders and adherence.
 
-    Changes are those of a mixed model with a random intercept, with 95 % intervals. Research
-    software: this is not advice on anybody's treatment.
+    Scores are those of baseline, week 1 and week 4. Their changes are estimated by a mixed model
+    with a random intercept, with 95 % intervals. Research software: this is not advice on anybody's
+    treatment.
 
     Example: manip3d diary analyse study.diary
     """

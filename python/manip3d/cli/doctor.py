@@ -1,4 +1,4 @@
-"""``manip3d doctor``: report what is installed and what is missing, why, and the cure."""
+"""``manip3d doctor``: report what is installed, what is missing, and how to mend it."""
 
 from __future__ import annotations
 
@@ -127,9 +127,9 @@ def show(console: Console, checks: list[dict[str, Any]]) -> None:
 
 
 def doctor(as_json: Json = False) -> None:
-    """Print what is installed and what is missing, why, and the cure.
+    """Print what is installed, what is missing, and how to mend it.
 
-    The exit code is 1 if something is broken.
+    The reason is printed with each missing part. The exit code is 1 if something is broken.
 
     Example: manip3d doctor
     """

@@ -26,12 +26,12 @@ def info(
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
-    """Count what a mesh, a scan, a depth image or a recording is made of.
+    """Print counts and properties of a mesh, a scan, a depth image or a recording.
 
     Recordings are LiDAR packets (.pcap, .osf), ROS bags (.mcap), drives in KITTI's layout, RGB-D
-    frames (.mkv, folders) and what 'capture list' names. After # stands the sensor or the topic of
-    a recording of several: drive.pcap#1, drive.bag#/top. Several files make a table: printed, or
-    written with --table.
+    frames (.mkv, folders) and what 'capture list' names. If a recording has several sensors or
+    topics, add # and the one to read: drive.pcap#1, drive.bag#/top. Several files make a table,
+    which is printed, or written with --table.
 
     Example: manip3d info scan.bin
     """

@@ -41,8 +41,8 @@ def lattice(
     The lattice is estimated from every second scan. To measure its power, the other scans are
     judged by it, unchanged and with planted edits. For other scanners than an HDL-64E, 'inspect
     --lattice' gives the verdict no_trace only with a lattice whose power was measured in this way.
-    If detector III accuses clean scans, or 'inspect' would not judge them by the lattice, the
-    command fails. Without steps of the ranges, points moved along their rays are not found.
+    The command fails if the lattice accuses clean scans, or if 'inspect' would not judge them by
+    it. A lattice without steps of the ranges cannot reveal points that were moved along their rays.
 
     Example: manip3d lattice clean -o lattice.json
     """

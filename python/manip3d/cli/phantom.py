@@ -171,8 +171,8 @@ def phantom_render(
 
     The output is a film (.mp4), a contact sheet of the 40 worst frames by the pipeline's own score
     (.png), or a folder of PNG pictures (a name without a suffix). Frames that cannot be read are
-    reported and passed over; the exit code is then 1, as where no frame shows a phantom limb.
-    Frames whose times are no later than those before are left out, which is reported, too.
+    reported and passed over; the exit code is then 1. It is also 1 if no frame shows a phantom
+    limb. Frames whose times are no later than those before are left out, which is reported, too.
 
     Example: manip3d phantom render 'sim:body?amputated=right-arm&frames=30' -o phantom
     """
@@ -401,7 +401,7 @@ def phantom_live(
         expect_kind(source, "recording", verb="phantom live")
         source = rgbd_address(source) or source
     if source is None and (intrinsics or units_per_metre or rate):
-        raise InputError("--intrinsics, --units-per-metre, --rate: expected --source with them")
+        raise InputError("--intrinsics, --units-per-metre, --rate: can only be given with --source")
     shell = Terminal(as_json=as_json, quiet=quiet)
 
     def on_start(url: str, made: Certificate | None) -> None:

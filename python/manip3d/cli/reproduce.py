@@ -36,8 +36,8 @@ def reproduce(
     data: Annotated[
         Tier,
         typer.Option(
-            help="Data to use; auto: real data if they are present; real: without the experiments "
-            "that have none."
+            help="Data to use; auto: real data if they are present; real: skip experiments without "
+            "real data."
         ),
     ] = Tier.auto,
     scale: Annotated[
@@ -56,7 +56,7 @@ def reproduce(
         bool,
         typer.Option(
             "--strict",
-            help="Exit with code 4 when a claim does not hold; undecided is no refutation.",
+            help="Exit with code 4 when a claim does not hold; an undecided claim has no effect.",
         ),
     ] = False,
     as_json: Json = False,

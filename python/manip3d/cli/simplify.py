@@ -67,8 +67,8 @@ ColorWeight = Annotated[
     float | None,
     typer.Option(
         "--color-weight",
-        help="Price of wrong colours of vertices, relative to a shifted surface (--mode quality or "
-        "fast); 0.01 by default: the shape comes first.",
+        help="Weight of errors of vertex colours, relative to those of the shape (--mode quality "
+        "or fast). Default: 0.01, with which the shape has priority.",
     ),
 ]
 
@@ -336,7 +336,9 @@ def _headset_faces(headset: tuple[float, float], faces: int | None) -> int:
     except InputError as error:
         raise InputError(f"--headset: {error}") from None
     if budget < 1:
-        raise InputError(f"--headset: {headset[0]:g} ms and {headset[1]:g} Hz leave no face")
+        raise InputError(
+            f"--headset: {headset[0]:g} ms and {headset[1]:g} Hz leave no time for a face"
+        )
     return budget
 
 
@@ -477,8 +479,8 @@ def simplify(
     mode: Annotated[
         Mode | None,
         typer.Option(
-            help="What matters most: quality (least error, vertices move; the default), published "
-            "(the dissertation's method, vertices of the input) or fast (speed before error)."
+            help="Priority: quality (least error, vertices move; the default), published (the "
+            "dissertation's method, vertices of the input) or fast (speed before error)."
         ),
     ] = None,
     method: Annotated[
@@ -511,7 +513,7 @@ def simplify(
         str | None,
         typer.Option(
             metavar="SIZE",
-            help="Ceiling of the memory of the process, such as 2GiB, for --mode quality and fast: "
+            help="Limit of the memory of the process, such as 2GiB, for --mode quality and fast: "
             "a larger mesh is first reduced in parts. It includes the memory for reading the file.",
         ),
     ] = None,

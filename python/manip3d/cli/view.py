@@ -130,7 +130,7 @@ def view(
     frame: Annotated[
         int | None,
         typer.Option(
-            min=0, help="Scan or frame of a recording, from 0 on; default: the first whole one."
+            min=0, help="Index of the scan or frame of a recording; default: the first whole one."
         ),
     ] = None,
     color_by: Annotated[

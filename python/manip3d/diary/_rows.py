@@ -81,7 +81,7 @@ class Rows:
             sql.select(table.c.participant).where(table.c.id == session)
         ).scalar_one_or_none()
         if number is None:
-            raise InputError(f"session: there is none of the number {session}")
+            raise InputError(f"session: there is no session number {session}")
         return next(one for one in self.everybody() if one.number == number)
 
     def check_owner(self, session: int, participant: Enrolled) -> None:

@@ -244,7 +244,7 @@ def range_scale(scan: ScanLike, hoax: ObjectLike) -> float:
     scene = to_scan(scan)
     points = to_hoax(hoax, 0.0, scene).points
     if not (len(points) and len(scene.points)):
-        raise InputError("hoax: expected points in both, scan and hoax")
+        raise InputError("hoax: expected points in the scan and in the hoax")
     extent = float(np.ptp(points, axis=0).max())
     if not extent > 0.0:
         raise InputError("hoax: expected points at different places")

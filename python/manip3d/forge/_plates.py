@@ -64,7 +64,7 @@ def background_plate(frames: Iterable[RgbdFrame]) -> RgbdFrame:
     some = list(frames)
     check_frames("frames", some)
     if not some:
-        raise InputError("frames: expected one at least, got none")
+        raise InputError("frames: expected at least one, got none")
     if any(frame.depth.shape != some[0].depth.shape for frame in some):
         raise InputError("frames: expected images of one size")
     first = some[0]

@@ -184,7 +184,7 @@ def at_pace(frames: Sequence[RgbdFrame], step_ns: float) -> Sequence[RgbdFrame]:
     [0, 0, 1, 1, 1]
     """
     if not len(frames):
-        raise InputError("frames: expected one at least, got none")
+        raise InputError("frames: expected at least one, got none")
     first = [frames[i] for i in range(min(_TIMED, len(frames)))]  # a deque has no slices
     check_frames("frames", first[:1])
     if not 0.0 <= step_ns < math.inf:

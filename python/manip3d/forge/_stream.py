@@ -459,7 +459,7 @@ def _calibration_of(
     frames = background if isinstance(background, Sequence) else list(background)
     check_frames("background", frames)
     if not len(frames):
-        raise InputError("background: expected a frame at least, got none")
+        raise InputError("background: expected at least one frame, got none")
     return frames[0].calibration, frames
 
 

@@ -188,7 +188,7 @@ def _pose_of_frame(
 ) -> NDArray[np.float64]:
     matrix = frame.get("transform_matrix")
     if matrix is None:
-        raise FormatError(f"{name}: expected one, found none", file=str(place))
+        raise FormatError(f"{name}: expected a matrix, found none", file=str(place))
     pose = _numbers_in(matrix)
     if pose.shape == (4, 4):
         with np.errstate(over="ignore", invalid="ignore"):

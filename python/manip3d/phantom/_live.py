@@ -236,7 +236,7 @@ def run_live(
     if (diary is None) != (participant is None):
         raise InputError("diary, participant: expected both or none")
     if diary_key is not None and diary is None:
-        raise InputError("diary_key: expected a diary that it opens, got none")
+        raise InputError("diary_key: can only be given with diary, got none")
     if seconds is not None and not seconds > 0:
         raise InputError(f"seconds: expected > 0, got {seconds}")
     from manip3d.capture import open_rgbd, rgbd_address

@@ -262,7 +262,7 @@ class StreamClient:
             No frame is in flight.
         """
         if not self._in_flight:
-            raise FormatError("bad: expected a frame in flight, there is none")
+            raise FormatError("bad: expected a frame in flight, but there is none")
         del self._in_flight[next(iter(self._in_flight))]
         self.unreadable += 1
         self._changed.set()

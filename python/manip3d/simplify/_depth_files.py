@@ -398,7 +398,7 @@ def from_cloud(
     """
     if options.intrinsics:
         raise InputError(
-            "intrinsics: can only be given with a depth image; a cloud's points tell its camera"
+            "intrinsics: can only be given with a depth image; a cloud's points give its camera"
         )
     if options.ray_depth:
         raise InputError("ray_depth: can only be given with a depth image, got a cloud")

@@ -235,7 +235,7 @@ def write_drive(
     target = path_of(folder, "folder")
     if target.exists() and not (overwrite and _holds_drives_only(target)):
         kind = "a new folder or one of a simulated drive" if overwrite else "a new folder"
-        raise InputError(f"{target}: expected {kind}, this one exists")
+        raise InputError(f"{target}: expected {kind}, but this one exists")
     if not 0 <= number <= 9999:
         raise InputError(f"number: expected 0 to 9999, got {number}")
     name = f"{DATE}_drive_{number:04d}_sync"

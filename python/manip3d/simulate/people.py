@@ -393,7 +393,7 @@ class BodySimulator:
         self._check_times()
         self._check_dressing()
         if self.chair == "wheelchair" and self.sitting is False:
-            raise InputError("chair: expected chair where sitting is no, got 'wheelchair'")
+            raise InputError("chair: expected chair with sitting=no, got 'wheelchair'")
         if self.tracker:  # its errors replace those that are not given
             object.__setattr__(self, "flying", True)
             for name, number in _TRACKERS[self.tracker].items():
