@@ -65,7 +65,7 @@ class FormatError(Error, ValueError):
     Attributes
     ----------
     reason : str
-        What was expected and what was found.
+        Description of what was expected and what was found.
     file : str
         Name of the file; ``""`` for bytes.
     line : int or None

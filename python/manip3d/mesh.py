@@ -40,7 +40,7 @@ class Texture:
     data : bytes or None
         Content of a PNG or JPEG file (glTF embeds images); None if only the path is known.
     wrap : (u, v) of 'repeat', 'mirror' or 'clamp'
-        What the texture shows outside of [0, 1] along u and v: the image again, its mirror image,
+        Content of the texture outside of [0, 1] along u and v: the image again, its mirror image,
         or its border. OBJ holds 'clamp' along both, PLY holds neither.
     smooth : bool
         Whether the pixels of an enlarged image are blended; False in pixel art. Only glTF holds it.

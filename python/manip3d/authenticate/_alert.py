@@ -187,7 +187,7 @@ class AlertMonitor:
         speed_mps : float, m/s
             Speed of the car.
         motion : (float, float, float)
-            As for `RiskTracker.update`.
+            Same as for `RiskTracker.update`.
         time_s : float, optional
             Time of the frame on the stream's clock; default: one budget, at most 0.1 s, after the
             previous frame.
@@ -281,9 +281,9 @@ class AlertMonitor:
         record : bytes, optional
             The watermark's record, by which the frame keeps its place in the chain.
         carrier : (H, W) or (H, W, 3) uint8, optional
-            As for `judge`.
+            Same as for `judge`.
         motion : (float, float, float)
-            As for `judge`: the next frame that is judged stands that much farther on.
+            Same as for `judge`: the next frame that is judged stands that much farther on.
 
         Raises
         ------
@@ -321,9 +321,9 @@ class AlertMonitor:
         Parameters
         ----------
         reason : str
-            Why the frame is left out; it stands in the alert.
+            Reason why the frame is left out; it is stated in the alert.
         motion : (float, float, float)
-            As for `judge`: the next frame that is judged stands that much farther on.
+            Same as for `judge`: the next frame that is judged stands that much farther on.
 
         Returns
         -------
@@ -358,8 +358,8 @@ class AlertMonitor:
         Returns
         -------
         WitnessReport or None
-            What they say of the last frame that they saw, or of the one before if they accuse only
-            that; None: nothing was left to say. It is in no `Alert` and is not counted.
+            Their report on the last frame that they judged, or on the one before if they accuse
+            only that; None: nothing was left to say. It is in no `Alert` and is not counted.
         """
         with self._lock:
             told: WitnessReport | None = None

@@ -119,7 +119,7 @@ class AlertTally:
         Parameters
         ----------
         whole : bool
-            As for `verdict_of_alerts`.
+            Same as for `verdict_of_alerts`.
 
         Returns
         -------

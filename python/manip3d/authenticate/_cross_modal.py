@@ -78,7 +78,7 @@ class CrossModalParameters:
         LiDAR and cameras agree if their disparities differ by at most this. With KITTI's cameras a
         pixel corresponds to 0.26 m at 10 m, and to 1 m at 20 m.
     dark_level : float, grey levels
-        Where the picture is darker than this, a missing point of the scan is weak evidence, because
+        If the picture is darker than this, a missing point of the scan is weak evidence, because
         dark paint, tyres and glass at a grazing angle return nothing to a scanner.
     dark_weight : float
         Weight, 0 to 1, of the area of a dark cell without a point.

@@ -95,7 +95,7 @@ def inspect_drive(
         tried first on all later scans. A lattice that was estimated from a scan judges that scan
         alone.
     sensor, origin, power, printed, threads
-        As for `inspect`.
+        Same as for `inspect`.
     numbers : iterable of int, optional
         Number of each frame. Only frames whose numbers differ by one are neighbours, one turn
         apart; default: all frames follow each other. Differences between turns are evidence, so
@@ -273,7 +273,7 @@ def judge_drive(
     Parameters
     ----------
     found, numbers
-        As for `verdict_of_drive`.
+        Same as for `verdict_of_drive`.
     times_ns : sequence of (int or None), optional
         Time of each scan, nanoseconds; None: unknown.
 

@@ -107,7 +107,7 @@ class Lacking(NamedTuple):
     Attributes
     ----------
     reason : str
-        How the turn was processed.
+        Description of the processing of the turn.
     is_in_place : bool
         Whether the remaining points lie where they were measured, to a few centimetres.
     whole_up_to_m : float

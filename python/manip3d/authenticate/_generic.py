@@ -151,7 +151,7 @@ class EvidenceReport:
         Whether this kind counts for the verdict. A kind that does not apply to the frame, or that
         the whole frame contradicts, is left out.
     reason : str
-        Why it was left out; empty if it was used.
+        Reason why it was left out; empty if it was used.
     share : float
         Share of the frame's points with this evidence of an edit, whether it was used or not.
     strength : float
@@ -389,8 +389,8 @@ def generic_consistency(
         off a whole number of steps; in (0, 0.5). Default: 0.12, for an exact lattice 0.02. Rounding
         to whole millimetres produces 0.06 to 0.09 in KITTI.
     azimuth_error : float, metres
-        How far points may have been moved along the arc, besides rounding to whole millimetres.
-        Where this is more than half a step of the encoder, the firing of a point is unknown.
+        Largest move of points along the arc, besides rounding to whole millimetres. If it exceeds
+        half a step of the encoder, the firing of a point is unknown.
     threads : int
         0: ``MANIP3D_THREADS``, else all cores. The result does not depend on it.
 

@@ -146,7 +146,7 @@ class Inspection(Showable):
     sensor : Sensor or None
         Scanner of the scan; None: its position is unknown.
     processing : tuple of Processing
-        What was done to the scan as a whole.
+        Processing of the scan as a whole.
     origin : (float, float, float) or None
         Position of the scanner, metres; None: unknown, and nothing can be judged.
     origin_from : str
@@ -403,7 +403,7 @@ def combined_verdict(
     reports : sequence of DetectorReport
         Reports of the detectors.
     processing : sequence of Processing
-        What was done to the scan as a whole.
+        Processing of the scan as a whole.
 
     Returns
     -------

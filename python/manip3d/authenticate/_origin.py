@@ -51,7 +51,7 @@ class OriginEstimate:
     explained : float
         Share of the scan that lies on the grid, 0 to 1.
     reason : str
-        How the position was found, or why not, in words.
+        Description of the way in which the position was found, or reason why not.
     """
 
     position: tuple[float, float, float] | None

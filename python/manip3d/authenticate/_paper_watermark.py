@@ -163,8 +163,8 @@ def embed_paper(
     frame : int
         Number of the frame.
     merge : 'adjacent' or 'paper'
-        How slices with fewer than M points are merged: with their smaller neighbour, or the two
-        smallest with each other.
+        Rule that merges slices with fewer than M points: each with its smaller neighbour, or the
+        two smallest with each other.
 
     Returns
     -------

@@ -215,7 +215,7 @@ class ReflectanceResult(BesideTurns):
     calibration : Calibration
         Clean frames on which the thresholds were chosen.
     rewritten : str
-        How all reflectances differ from those of both neighbouring turns; empty: they do not, or
+        Change of all reflectances relative to both neighbouring turns; empty: there is none, or
         there are no neighbouring turns.
     """
 
@@ -325,7 +325,7 @@ def reflectances_read(
     reading : LatticeReading or None
         Places of the frame's points on the lattice; None: they are computed here.
     frame, lattice, previous, following, turns, false_alarm_rate, threads
-        As in `reflectance_consistency`.
+        Same as in `reflectance_consistency`.
     seen : tuple of ReadingColumns or None
         Places of both neighbouring turns on the lattice, as `turns_read` returned them with
         ``turns``; None: they are computed here.

@@ -213,7 +213,7 @@ class Sensor:
         ``spinning``: another spinning scanner; ``terrestrial``: a grid of azimuth and elevation,
         for which detectors I and II are calibrated; ``non-repetitive``; ``unknown``.
     reason : str
-        How the scanner was recognised, or why not.
+        Description of the way in which the scanner was recognised, or reason why not.
     lattice : SensorLattice or None
         Lattice of the scanner; None: unknown.
     off_lattice : float

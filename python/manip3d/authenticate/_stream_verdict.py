@@ -112,7 +112,7 @@ class StreamInspection:
     numbers : (T,) int64
         Numbers of the frames that were judged; their places in the stream if all numbers are equal.
     processing : tuple of Processing
-        What was done to all images.
+        Processing of all images.
     detectors : tuple of StreamReport
         Reports of the detectors.
     noise : (N - 1,) float64

@@ -293,7 +293,7 @@ def turns_read(
     reading : LatticeReading or None
         Places of the frame's points on the lattice; None: they are computed here.
     frame, previous, following, lattice, false_alarm_rate, whole_turns, threads
-        As in `turn_consistency`.
+        Same as in `turn_consistency`.
     """
     if not 0.0 < false_alarm_rate < 1.0:
         raise InputError(f"false_alarm_rate: expected a share in (0, 1), got {false_alarm_rate!r}")

@@ -620,7 +620,7 @@ class Watermarker(Closing):
             Record that `embed` returned. None: the picture carries it; without a picture the
             verdict is ``undecidable``.
         policy : Policy, optional
-            What to accept; default: ``Policy()``.
+            Rules of acceptance; default: ``Policy()``.
         now_ns : int, optional
             Time in nanoseconds since 1970; default: that of the clock.
         picture : (H, W) or (H, W, 3) uint8, optional
@@ -682,9 +682,9 @@ class Watermarker(Closing):
         Parameters
         ----------
         record, policy, picture
-            As for `verify`.
+            Same as for `verify`.
         reason : str
-            Why there is no scan.
+            Reason why there is no scan.
 
         Raises
         ------

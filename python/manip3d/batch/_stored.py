@@ -64,7 +64,7 @@ def run_stored(
         By key; each returns a row.
     store : Store
     jobs, dask
-        As for `manip3d._util.parallel.run_tasks`.
+        Same as for `manip3d._util.parallel.run_tasks`.
     progress : callable(fraction, message), optional
     describe : callable
         Words for the task of a key, as the message of ``progress``.

@@ -47,8 +47,8 @@ class Scheme:
     frames : str
         Kind of the frames, ``rgbd`` or ``lidar``.
     reason, cure : str
-        Why such sources cannot be opened on this computer, and how to change that; empty if they
-        can be opened.
+        Reason why such sources cannot be opened on this computer, and how to change that; empty if
+        they can be opened.
     """
 
     name: str

@@ -43,7 +43,7 @@ class Recording:
     seconds : float
         Time from the first frame to the last.
     stop : str
-        Why recording ended: ``end`` (of the source), or the limit ``frames`` or ``seconds``.
+        Reason why recording ended: ``end`` (of the source), or the limit ``frames`` or ``seconds``.
     counters : dict of str to int
         Counters of the recorder.
     source_counters : dict of str to int

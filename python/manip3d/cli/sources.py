@@ -125,8 +125,8 @@ class Opened:
     thing : Scene or Mesh
         The scene or mesh.
     nodes_lost : str
-        Why the nodes of a glTF file are not kept in an output that could hold them; empty if they
-        are, or if there are none.
+        Reason why the nodes of a glTF file are not kept in an output that could hold them; empty if
+        they are, or if there are none.
     """
 
     thing: Scene | Mesh

@@ -29,7 +29,8 @@ class Plan:
     ----------
     data : 'auto', 'real' or 'simulated'
         ``auto``: real data that is present, simulated models in place of the rest; ``real``: real
-        data only, without the experiments that have none; ``simulated``: simulated models only.
+        data only, and experiments without real data are skipped; ``simulated``: simulated models
+        only.
     scale : 'quick' or 'full'
         ``quick``: few small cases, for a look in a minute; ``full``: all cases.
     seed : int

@@ -117,12 +117,12 @@ def crtp(
     Parameters
     ----------
     scan, hoax, position, rotation, scale, translation, threads
-        As in `ctp`. Meshes are interpolated on their faces, points between neighbours.
+        Same as in `ctp`. Meshes are interpolated on their faces, points between neighbours.
     spacing : float, metres, optional
         MID_scene; default: that of the scan's points within 1 m of ``position``. Points at one
         place count once, and rows at exactly (0, 0, 0), which have no return, do not count.
     resampling : 'poisson' or 'uniform'
-        How points are thinned out: with a least distance between points, or at random.
+        Method that thins out points: with a least distance between points, or at random.
     intensity : float
         Intensity of the appended points if the scan has intensities.
     rng : int, numpy.random.Generator or None
@@ -184,7 +184,7 @@ def resample(
     spacing : float
         Wanted mean distance to the nearest neighbour, in the hoax's unit.
     resampling : 'poisson' or 'uniform'
-        How points are thinned out: with a least distance between points, or at random.
+        Method that thins out points: with a least distance between points, or at random.
     rng : int, numpy.random.Generator or None
         Seed or generator; None: a different result each time.
     threads : int
@@ -404,8 +404,8 @@ def insert_occluding(
     Parameters
     ----------
     scan, hoax, position, rotation, scale, threads
-        As in `ctp`. Rays meet the faces of a mesh; each point of a cloud represents a disc of the
-        size of its spacing.
+        Same as in `ctp`. Rays meet the faces of a mesh; each point of a cloud represents a disc of
+        the size of its spacing.
     origin : (3,), optional
         Position of the scanner; default: that of the frame, else (0, 0, 0).
     range_noise : float, metres

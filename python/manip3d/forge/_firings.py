@@ -178,7 +178,7 @@ def spoof(
     Parameters
     ----------
     scan, hoax, lattice, turn, rng, threads
-        As for `lattice_insert`.
+        Same as for `lattice_insert`.
     most : int
         Largest number of injected points (Sun et al., USENIX Security 2020, reach 200).
 

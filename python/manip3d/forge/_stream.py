@@ -95,7 +95,7 @@ class StreamForger:
     Parameters
     ----------
     background, kind, pose, method, scope, move, surface, fill_pinholes, blend, smoothing, by_label
-        As for `stream`.
+        Same as for `stream`.
 
     Attributes
     ----------
@@ -375,7 +375,7 @@ def stream(
     pose : iterable of RgbdFrame or Skeleton, optional
         For type 2: motion of any person, frame by frame; played like ``background``.
     method, scope
-        As for `modify.animate`.
+        Same as for `modify.animate`.
     move : (3,), metres
         Translation of the person from the recorded place to that before the background, in the axes
         of the background's camera.
@@ -389,7 +389,7 @@ def stream(
     smoothing : bool
         Smooth the joints of both skeletons first, by `modify.JointSmoother`.
     by_label : bool
-        As for `modify.animation_mesh`; without it meshes tear (figure 5.5).
+        Same as for `modify.animation_mesh`; without it meshes tear (figure 5.5).
 
     Returns
     -------

@@ -74,7 +74,7 @@ class MetroResult:
     diagonal : float
         Diagonal of the original's bounding box, in the meshes' units.
     sampling : 'vertex' or 'area'
-        How the surfaces were sampled.
+        Sampling of the surfaces.
     """
 
     forward: Deviation

@@ -230,7 +230,8 @@ def range_image_error_grid(
     mesh : Mesh or DepthMesh
         Mesh in the frame and unit of the points.
     rows_up : bool
-        As for `manip3d.simplify.dense_mesh_grid`; only used if the lines of sight are parallel.
+        Same as for `manip3d.simplify.dense_mesh_grid`; only used if the lines of sight are
+        parallel.
     threads : int
         0: ``MANIP3D_THREADS``, else all cores. The result does not depend on it.
     progress : None, True or callable(fraction, message)

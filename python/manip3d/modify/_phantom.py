@@ -505,7 +505,7 @@ class PhantomPipeline:
     smoothing : {"default", "seated"} or None
         Preset of `JointSmoother`; None: joints are not smoothed.
     segmentation : {"skin", "paper"}
-        As for `segment_body`.
+        Same as for `segment_body`.
     arm_radius, leg_radius : float, metres
         Points within this distance of a limb's bones belong to the limb.
     root_radius : float, metres
@@ -835,9 +835,9 @@ def segment_body(
         (eq. 4.1), which treats the trunk as no thicker than an arm; ``region``: labels grow from
         the pixels under the bones and stop at depth steps (section 5.1.1).
     body_index : (H, W) uint8, optional
-        As for `RgbdFrame`.
+        Same as for `RgbdFrame`.
     near, far, margin : float, metres
-        As for `PhantomPipeline`.
+        Same as for `PhantomPipeline`.
     seeds : {"line", "middle"}
         For ``region`` only: a label starts from all pixels under a bone, or from the pixel under
         its middle (figure 5.4).

@@ -199,7 +199,8 @@ def run_live(
         Find the person's joints in the colour images with `manip3d.modify.PoseTracker`, for cameras
         and recordings without skeletons. A source without colour images is warned about.
     camera, units_per_metre, rate
-        As for `manip3d.capture.open_rgbd`, for a folder of images without calibration or times.
+        Same as for `manip3d.capture.open_rgbd`, for a folder of images without calibration or
+        times.
     diary, participant, diary_key : path, str, path, optional
         A diary file, the pseudonym of the participant who plays, and the key file of an encrypted
         diary. A participant can have only one live session at a time, because ratings of two

@@ -82,8 +82,8 @@ class Play:
     summaries : list of GameSummary
         Games that are over.
     advice : str
-        What keeps the game, in the last frame, from beginning or from counting movements; empty:
-        nothing does.
+        Reason why the game, in the last frame, does not begin or does not count movements; empty
+        if there is none.
     """
 
     def __init__(

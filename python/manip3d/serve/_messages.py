@@ -27,7 +27,7 @@ class Kind:
     low, high : float
         Bounds of a number.
     choices : sequence of str
-        What a text may be.
+        Permitted texts.
     length : int
         Characters of a free text, if it has no choices; control characters other than line feeds
         and lone surrogates are refused.
@@ -93,7 +93,7 @@ def read_message(
     Parameters
     ----------
     text : str
-        As it came.
+        The received text.
     types : mapping of str to mapping of str to Kind
         The fields of each type of message.
     max_length : int

@@ -92,9 +92,9 @@ class JointFileResult:
         than one per cent of the vertices, it is repeated with more points, up to three times; the
         time is that of all runs.
     coverage, bridges : float
-        As for `JointSimplification`.
+        Same as for `JointSimplification`.
     lone_pixels : int
-        As for `DepthFileResult`, summed over all sources.
+        Same as for `DepthFileResult`, summed over all sources.
     depth : str
         A sentence on the depth range of all images, or organised clouds of depth cameras, and on
         their unit, with doubts about it and about the camera; empty for scans.

@@ -259,7 +259,7 @@ def cs3_cameras(
         Largest number of vertices of all views together. Each view gets a share in proportion to
         its pixels whose surface no earlier view shows.
     variant, max_edge, threads
-        As for `cs3`.
+        Same as for `cs3`.
     depth_step : float, optional
         Triangles across a larger step in the depth of a view are left out. The step is a share of
         the depth (`cut_depth_steps` states the rule). Views given as points have no steps.
@@ -363,11 +363,11 @@ def relief_cameras(
         Largest number of vertices of all views together, at least 3. Each view gets a share in
         proportion to its pixels whose surface no earlier view shows.
     effort, max_edge, threads
-        As for `relief`.
+        Same as for `relief`.
     depth_step : float, optional
-        As for `cs3_cameras`; steps are boundaries from the start, as in `relief`.
+        Same as for `cs3_cameras`; steps are boundaries from the start, as in `relief`.
     tolerance : float, optional
-        As for `cs3_cameras`.
+        Same as for `cs3_cameras`.
 
     Returns
     -------

@@ -72,7 +72,7 @@ class CleanResult(Showable):
     Attributes
     ----------
     mesh : Mesh
-        What remains, in the input's order; no table has unused rows.
+        The remaining vertices and faces, in the input's order; no table has unused rows.
     vertex_map : (V,) int32
         Input vertex -> output vertex, or -1 if it is gone.
     face_map : (F,) int32
@@ -115,8 +115,8 @@ def clean(mesh: Mesh, *, weld: bool = True, duplicates: Duplicates = "same") -> 
         Merge vertices at bit-identical positions (-0.0 equals 0.0). Corners keep their texture
         coordinates and normals; of several vertex colours that of the lowest vertex stays.
     duplicates : 'same', 'any' or 'keep'
-        What is done with further faces on the same three positions. ``'same'`` removes exact
-        copies of the first one: same orientation, material, texture coordinates, normals and
+        Rule for further faces on the same three positions. ``'same'`` removes exact copies
+        of the first one: same orientation, material, texture coordinates, normals and
         colours, so that the picture does not change. ``'any'`` removes all others, also the back
         sides of surfaces that are stored twice. ``'keep'`` removes none.
 
@@ -184,7 +184,7 @@ class SimplifyResult(Showable):
         The record: input vertices (removed, kept), in order.
     collapse_errors : (C,) float64
     rejected : dict of str to int
-        How many candidate collapses were turned down, by reason.
+        Number of candidate collapses that were rejected, by reason.
     off_seam_collapses : int
         Collapses of seam vertices that had to leave their seam to reach the target (QEM4VR).
     locked_vertices : int
@@ -194,7 +194,7 @@ class SimplifyResult(Showable):
     clamped_costs : int
         Errors that came out below zero by rounding and were taken as zero.
     message : str
-        Why the method refused the mesh, or empty.
+        Reason why the method refused the mesh, or empty.
     """
 
     mesh: Mesh
@@ -392,8 +392,8 @@ def qem4vr(
     quality_threshold : float in [0, 1]
         Divide a cost by min(quality of the worst new face, this); 0 is off, MeshLab's is 0.3.
     link_condition : 'manifold', 'always' or 'never'
-        Where a collapse must not change the topology: where both ends of the edge have a
-        manifold neighbourhood, everywhere, or nowhere.
+        Edges whose collapse must not change the topology: those with a manifold neighbourhood
+        at both ends, all, or none.
     progress : None, True or callable
         ``True`` shows a bar; a callable gets ``(fraction, message)``, at most ten times a second.
 
@@ -493,7 +493,7 @@ def qem_orig(
     Parameters
     ----------
     mesh, target_faces, ratio, max_error, max_distance, quality_threshold, link_condition, progress
-        As for :func:`qem4vr`.
+        Same as for :func:`qem4vr`.
 
     Returns
     -------
@@ -502,7 +502,7 @@ def qem_orig(
     Raises
     ------
     InputError
-        As :func:`qem4vr`.
+        Same as for :func:`qem4vr`.
 
     Examples
     --------
@@ -543,7 +543,7 @@ def qem_bp(
     Parameters
     ----------
     mesh, target_faces, ratio, max_error, max_distance, quality_threshold, link_condition, progress
-        As for :func:`qem4vr`.
+        Same as for :func:`qem4vr`.
     boundary : 'freeze' or 'weight'
         Boundary vertices never move, as in MeshLab, which is why the method stops early on open
         meshes; or planes of constant weight 1 alone, section 2.4.2's literal reading.
@@ -555,7 +555,7 @@ def qem_bp(
     Raises
     ------
     InputError
-        As :func:`qem4vr`.
+        Same as for :func:`qem4vr`.
 
     Examples
     --------
@@ -599,7 +599,7 @@ def qem_tp(
     Parameters
     ----------
     mesh, target_faces, ratio, max_error, max_distance, quality_threshold, link_condition, progress
-        As for :func:`qem4vr`.
+        Same as for :func:`qem4vr`.
 
     Returns
     -------
@@ -608,7 +608,7 @@ def qem_tp(
     Raises
     ------
     InputError
-        As :func:`qem4vr`.
+        Same as for :func:`qem4vr`.
 
     Examples
     --------
@@ -649,9 +649,9 @@ def qem_btp(
     Parameters
     ----------
     mesh, target_faces, ratio, max_error, max_distance, quality_threshold, link_condition, progress
-        As for :func:`qem4vr`.
+        Same as for :func:`qem4vr`.
     boundary
-        As for :func:`qem_bp`.
+        Same as for :func:`qem_bp`.
 
     Returns
     -------
@@ -660,7 +660,7 @@ def qem_btp(
     Raises
     ------
     InputError
-        As :func:`qem4vr`.
+        Same as for :func:`qem4vr`.
 
     Examples
     --------

@@ -227,7 +227,7 @@ class DenseGrid:
     max_edge : float
         Dense triangles with a longer edge are left out; infinite: no limit.
     depth_step, focal : float
-        As for `DenseImage`. By default depths are unknown, and no triangle counts as a step.
+        Same as for `DenseImage`. By default depths are unknown, and no triangle counts as a step.
     """
 
     points: NDArray[np.float32]
@@ -330,8 +330,8 @@ class DepthSimplification(DepthMesh):
     Attributes
     ----------
     stop : str
-        Why the method stopped. ``target``: at the requested number of points, or for `cs3` and
-        `sample_depth` as near below as they come. ``all_points``: there are no more points.
+        Reason why the method stopped. ``target``: at the requested number of points, or for `cs3`
+        and `sample_depth` as near below as they come. ``all_points``: there are no more points.
         `Relief` lists the others.
     surface : DenseImage or DenseGrid
         The input.
@@ -517,7 +517,7 @@ def dense_mesh_grid(
     Parameters
     ----------
     points : (H, W, 3) float
-        As for `manip3d.io.read_range_grid`. Rounded to float32.
+        Same as for `manip3d.io.read_range_grid`. Rounded to float32.
     valid : (H, W) bool, optional
         Default: where all three coordinates are finite.
     color : (H, W, 3 or 4) uint8, optional
@@ -536,7 +536,7 @@ def dense_mesh_grid(
     Raises
     ------
     InputError
-        As `dense_mesh`; a valid point is not finite.
+        Same as for `dense_mesh`; a valid point is not finite.
 
     Examples
     --------
@@ -662,7 +662,7 @@ class Cs3Stream:
     target_points : int
         Largest number of vertices of each frame.
     variant, max_edge, distance_dependent, reading
-        As for `cs3`.
+        Same as for `cs3`.
     threads : int
         0: all cores. The result is the same for any number.
     frames : int, optional
@@ -729,7 +729,7 @@ class Cs3Stream:
         Parameters
         ----------
         depth, intrinsics, color, registration
-            As for `cs3`.
+            Same as for `cs3`.
 
         Returns
         -------
@@ -756,7 +756,7 @@ class Cs3Stream:
         Parameters
         ----------
         points, valid, color, rows_up
-            As for `cs3_grid`.
+            Same as for `cs3_grid`.
 
         Returns
         -------
@@ -890,16 +890,16 @@ def cs3_grid(
     Parameters
     ----------
     points : (H, W, 3) float
-        As for `manip3d.io.read_range_grid`. Rounded to float32.
+        Same as for `manip3d.io.read_range_grid`. Rounded to float32.
     valid : (H, W) bool, optional
         None: where all three coordinates are finite.
     target_points : int
         Largest number of vertices.
     color : (H, W, 3 or 4) uint8, optional
     rows_up : bool
-        As for `dense_mesh_grid`.
+        Same as for `dense_mesh_grid`.
     variant, max_edge, threads, reading
-        As for `cs3`; ``max_edge`` in the unit of the points.
+        Same as for `cs3`; ``max_edge`` in the unit of the points.
 
     Returns
     -------
@@ -908,7 +908,7 @@ def cs3_grid(
     Raises
     ------
     InputError
-        As `cs3`; a valid point is not finite.
+        Same as for `cs3`; a valid point is not finite.
 
     Examples
     --------

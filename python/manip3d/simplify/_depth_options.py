@@ -208,9 +208,9 @@ class DepthFileResult:
     unsure_pixels : int
         Measured pixels that a ``relief`` left out, as pieces of the surface without confidence.
     stop : str
-        Why the run stopped, as in `DepthSimplification`.
+        Reason why the run stopped, as in `DepthSimplification`.
     reached : str or None
-        Which step of ``cs3`` set the number of points, as in `Cs3Result`.
+        Step of ``cs3`` that set the number of points, as in `Cs3Result`.
     literal_count : int or None
         Points that the printed formulas give (``cs3``).
     seconds : float

@@ -93,7 +93,7 @@ class DepthSequence:
             depth camera, of the same size as the first one. The camera of the first cloud is used
             for all clouds.
         output, color, mask, confidence, confidence_max
-            As for `simplify_depth_file`.
+            Same as for `simplify_depth_file`.
 
         Returns
         -------

@@ -72,7 +72,7 @@ def colors_of_frames(
     colors : path-like
         Folder of the colour images; or masks, or confidences.
     name : str
-        What the images are, and the argument's name in errors: ``color`` (words in names: color,
+        Kind of the images, and the argument's name in errors: ``color`` (words in names: color,
         colour, rgb), ``mask`` (mask) or ``confidence`` (confidence, conf).
 
     Returns

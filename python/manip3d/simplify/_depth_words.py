@@ -38,7 +38,7 @@ class DepthFound:
     near, far : float or None
         Smallest and largest measurement in metres; None without a measurement.
     num_marked : int
-        As for `manip3d.io.DepthReading`.
+        Same as for `manip3d.io.DepthReading`.
     size : str
         Width and height of the image in pixels; empty for clouds, whose points show their camera.
     camera : str

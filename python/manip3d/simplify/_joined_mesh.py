@@ -359,7 +359,7 @@ class JoinedMesh:
     def _fits(self, faces: NDArray[np.int32]) -> NDArray[np.bool_]:
         """Return which new faces to keep, so that no edge has more than two faces.
 
-        Of too many, the first ones stay.
+        If there are too many, the first ones stay.
         """
         old, old_counts = np.unique(_edge_keys(self.faces), return_counts=True)
         new = _edge_keys(faces)

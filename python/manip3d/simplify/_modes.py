@@ -85,8 +85,8 @@ def simplify(
         fit either), and then simplified by the mode to the target. The two stages share
         `max_error`, and the error of the result is the sum of both.
     color_weight : float, optional
-        Price of wrong colours of vertices relative to that of a shifted surface; for
-        ``mode='quality'`` and ``mode='fast'``, whose default is 0.01: the shape comes first.
+        Weight of errors of vertex colours relative to those of the shape; for ``mode='quality'``
+        and ``mode='fast'``, whose default is 0.01: the shape has priority.
     progress : None, True or callable
         ``True`` shows a bar; a callable gets ``(fraction, message)``, at most ten times a second.
 

@@ -39,14 +39,14 @@ class QualityResult(Showable):
         Largest error of a step, in the file's unit. Of a collapse: the root mean square distance
         of its vertex to the planes of the original faces that it stands for, or to those of the
         boundaries and seams, whichever is larger (:func:`fast`: to all of these planes together).
-        Of a piece that was removed: its mean distance to what was left. The fit at the end is not
-        in it, and it is not a bound of the Hausdorff distance.
+        For a removed piece, it is the mean distance to the rest. The fit at the end is not
+        included, and it is not a bound of the Hausdorff distance.
     vertex_map : (V,) int32
         Input vertex -> the output vertex it went into; -1 if no face of the output is left there.
     face_map : (F,) int32
         Input face -> output face, or -1 if it is gone.
     rejected : dict of str to int
-        How many candidate collapses were turned down, by reason.
+        Number of candidate collapses that were rejected, by reason.
     removed_pieces : int
         Connected pieces that were removed as a whole, because that cost less than collapses.
     relaxed_collapses : int
@@ -217,10 +217,10 @@ def quality(
         unit, does not exceed it: by construction (see ``QualityResult.distance_bound``). No piece
         vanishes then. Targets combine; the first one reached stops. One is needed.
     boundary_weight, seam_weight : float
-        How much a shifted boundary, or a shifted border between materials or texture charts,
-        counts beside a shifted surface.
+        Weight of a shifted boundary, or of a shifted border between materials or texture charts,
+        relative to a shifted surface.
     texture_weight : float
-        How much a shifted texture counts beside a shifted surface, each on average over the area
+        Weight of a shifted texture relative to a shifted surface, each on average over the area
         that has one; 0: texture coordinates are carried along and cost nothing.
     texture_seen : bool, optional
         Whether a picture is shown. If not, textures and their seams within a material count a
@@ -228,16 +228,16 @@ def quality(
         count in full, unless the mesh has materials, of which more than names is known, and none of
         them has a texture image.
     color_weight : float
-        Price of wrong colours of vertices relative to that of a shifted surface, each on average
-        over the surface. By default the shape comes first: colours decide where it is flat. With 0,
+        Weight of errors of vertex colours relative to a shifted surface, each on average over the
+        surface. By default the shape comes first: colours decide where it is flat. With 0,
         colours are only interpolated, and decide whether a part that vanishes is missed.
         ``max_error`` and ``max_distance`` limit the shape alone.
     locked : (V,) bool, optional
         Vertices that stay where they are, with their texture coordinates; a piece with one of
         them does not vanish. Where several share a place, one locks all.
     importance : (V,) float > 0, optional
-        How many times as much as elsewhere it costs to change the surface at a vertex. At one
-        place, and for what becomes one vertex, the largest counts.
+        Factor on the cost of changes of the surface at a vertex. At one place,
+        and for what becomes one vertex, the largest counts.
     progress : None, True or callable
         ``True`` shows a bar; a callable gets ``(fraction, message)``, at most ten times a second.
 
@@ -355,13 +355,13 @@ def fast(
         No step with a larger error (see ``QualityResult.max_error``), in the file's unit. Targets
         combine; the first one reached stops. One is needed.
     boundary_weight, seam_weight : float
-        How much the planes along boundaries and rims of thin shells, or along borders between
-        materials or texture charts, count beside the surface. Where a texture is cut at nearly
+        Weight of the planes along boundaries and rims of thin shells, or along borders between
+        materials or texture charts, relative to the surface. Where a texture is cut at nearly
         every edge (at more than half of the edges of more than half of the vertices, sharp edges
         aside), such borders have no planes, which would outweigh the surface.
     color_weight : float
-        Price of wrong colours of vertices relative to that of a shifted surface: where colours do
-        not change linearly, lines of equal colour are held in place, also by ``max_error``. By
+        Weight of errors of vertex colours relative to a shifted surface: where colours do not
+        change linearly, lines of equal colour are held in place, also by ``max_error``. By
         default the shape comes first. With 0, colours are only interpolated, and decide
         whether a part that vanishes is missed.
     locked : (V,) bool, optional

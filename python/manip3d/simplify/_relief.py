@@ -93,7 +93,7 @@ class Relief(DepthSimplification):
         Measured pixels of pieces of the dense surface without confidence, which are left out and
         count as not measured: they are missing in ``surface``. See `relief`.
     mean_move, max_move : float
-        How far vertices moved from their measured points (``move_points``), in the points' unit.
+        Distances of vertices from their measured points (``move_points``), in the points' unit.
     levels : tuple of (num_vertices, (m, 3) int32)
         The requested smaller meshes, as number of vertices and faces. Each uses the first vertices;
         see `prefix`. With levels, vertices of smaller levels come first; without, vertices are
@@ -435,7 +435,7 @@ def relief_grid(
     Parameters
     ----------
     points : (H, W, 3) float
-        As for `manip3d.io.read_range_grid`. Rounded to float32.
+        Same as for `manip3d.io.read_range_grid`. Rounded to float32.
     valid : (H, W) bool or None
         None: where all three coordinates are finite.
     target_points : int
@@ -444,18 +444,18 @@ def relief_grid(
     mask : (H, W) bool, optional
         True where a valid pixel may be used; by default everywhere.
     confidence : (H, W) float, 0 to 1, optional
-        As for `relief`.
+        Same as for `relief`.
     rows_up : bool
         Whether rows go upward, seen from the sensor (Stanford's scans), or downward (images).
     move_points : bool
-        As for `relief`, but along the mean normal of the surface; texture coordinates follow to
-        where the moved vertex lies on the surface.
+        Same as for `relief`, but along the mean normal of the surface; texture coordinates follow
+        to where the moved vertex lies on the surface.
     effort : 'live', 'fast', 'balanced', 'fine' or 'best'
-        As for `relief`.
+        Same as for `relief`.
     max_edge : float, optional
         In the unit of the points.
     levels : sequence of int
-        As for `relief`.
+        Same as for `relief`.
     threads : int
         0: ``MANIP3D_THREADS``, else all cores. The result does not depend on it.
 
@@ -466,7 +466,7 @@ def relief_grid(
     Raises
     ------
     InputError
-        As `relief`; a valid point is not finite.
+        Same as for `relief`; a valid point is not finite.
 
     Examples
     --------
@@ -513,13 +513,13 @@ class ReliefStream:
         Largest number of vertices; at least 3.
     registration : Registration, optional
     move_points : bool
-        As for `relief`.
+        Same as for `relief`.
     effort : 'live', 'fast', 'balanced', 'fine' or 'best'
-        As for `relief`.
+        Same as for `relief`.
     max_edge : float, metres, optional
-        As for `relief`.
+        Same as for `relief`.
     depth_step : float, optional
-        As for `relief`.
+        Same as for `relief`.
     stability : float
         Factor on the price of removing a vertex of the previous frame; 1: frames are independent.
     newest_share : float
@@ -643,7 +643,7 @@ class ReliefStream:
         depth : (H, W) uint16 in millimetres or float32 in metres
         color : (H', W', 3 or 4) uint8, optional
         mask, confidence : (H, W) bool, and float from 0 to 1, optional
-            As for `relief`; of this frame.
+            Same as for `relief`; of this frame.
         time_ns : int, optional
             When it was taken, for the ``bandwidth``; default: frames come at the ``rate``.
 

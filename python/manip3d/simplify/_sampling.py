@@ -135,10 +135,10 @@ def sample_depth_grid(
     target_points : int
         Number of points to keep.
     method : 'uniform', 'poisson' or 'ssa'
-        As for `sample_depth`.
+        Same as for `sample_depth`.
     color : (H, W, 3 or 4) uint8, optional
     rows_up : bool
-        As for `dense_mesh_grid`.
+        Same as for `dense_mesh_grid`.
     max_edge : float, optional
         Triangles with a longer edge are left out; in the unit of the points.
     rng : int, numpy.random.Generator or None

@@ -158,7 +158,7 @@ class SceneLods:
             File to write.
         max_vertices : int, optional
         quantize : bool
-            As for `manip3d.io.write_lods`.
+            Same as for `manip3d.io.write_lods`.
         """
         from manip3d.io import write_lods
 
@@ -993,9 +993,9 @@ def scene_lods(
     ratio : float in (0, 1)
         Stored faces of a level divided by those of the level before it, if ``levels`` is a number.
     method, options, progress
-        As for :func:`lod_chain`.
+        Same as for :func:`lod_chain`.
     lock_box, lock_boundary
-        As for :func:`simplify_scene`: what is locked stays in every level.
+        Same as for :func:`simplify_scene`: what is locked stays in every level.
     cleaned : bool
         Clean the meshes first (:func:`clean`), where the method does not do it itself.
 

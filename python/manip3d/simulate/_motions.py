@@ -58,7 +58,7 @@ def pose_at(
     sitting : bool
         Whether the person sits.
     turn, twist, shoulder_tilt : float, degrees
-        As in `Pose`.
+        Same as in `Pose`.
     thigh_turn : float, degrees
         Rotation of a sitting person's legs relative to the pelvis, to the person's left.
     """

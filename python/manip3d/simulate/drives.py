@@ -211,8 +211,9 @@ def write_drive(
     number : int
         NNNN in the name of the drive.
     start, pictures, surround, rng, threads
-        As for `drive`. Surround pairs are ``image_02`` and ``image_03`` (ahead) to ``image_10`` and
-        ``image_11``; ``rigs.json`` has their geometry (`manip3d.authenticate.read_rigs`).
+        Same as for `drive`. Surround pairs are ``image_02`` and ``image_03`` (ahead) to
+        ``image_10`` and ``image_11``; ``rigs.json`` has their geometry
+        (`manip3d.authenticate.read_rigs`).
     overwrite : bool
         Replace ``folder`` if it only holds a simulated drive.
     progress : None, True or callable

@@ -135,11 +135,11 @@ def watched_street(address: str, *, frames: int | None = None, threads: int = 0)
     Parameters
     ----------
     address : str
-        As for `open_drive`.
+        Same as for `open_drive`.
     frames : int, optional
         Largest number of frames.
     threads : int
-        As for `open_drive`.
+        Same as for `open_drive`.
 
     Returns
     -------
@@ -148,7 +148,7 @@ def watched_street(address: str, *, frames: int | None = None, threads: int = 0)
     Raises
     ------
     InputError, MissingExtraError
-        As for `open_drive`.
+        Same as for `open_drive`.
 
     Examples
     --------

@@ -318,14 +318,14 @@ def html(
     Parameters
     ----------
     thing : Mesh, LidarFrame, RgbdFrame, DrawnPoints or a result, or a sequence of them
-        As for `manip3d.viewer.shown`.
+        Same as for `manip3d.viewer.shown`.
     title : str
         Title of the page.
     labels : sequence of str, optional
         A name below each object, next to its number of faces or points.
     azimuth, elevation, up, color_by, shading, texture, wireframe, boundary, backfaces
-        As for `picture`. If the first three are not given, scans are seen from behind and above the
-        scanner, and depth images from their camera.
+        Same as for `picture`. If the first three are not given, scans are seen from behind and
+        above the scanner, and depth images from their camera.
     max_faces : int
         Largest number of shown faces. A larger mesh is simplified, and the page says so.
     max_points : int
@@ -409,7 +409,7 @@ def film(
     labels : sequence of str, optional
         A name of each mesh.
     azimuth, elevation, up
-        As for `picture`; the camera is placed so that the whole film is visible.
+        Same as for `picture`; the camera is placed so that the whole film is visible.
     max_faces : int
         Largest number of shown faces. Larger meshes are simplified, and the page says so.
 
@@ -612,7 +612,7 @@ def figure(
     Parameters
     ----------
     thing : Mesh, LidarFrame, RgbdFrame, DrawnPoints or a result
-        As for `manip3d.viewer.shown`.
+        Same as for `manip3d.viewer.shown`.
     caption : str
         Text above the view.
     height : int, pixels
@@ -677,7 +677,7 @@ def view(thing: Any, output: str | os.PathLike[str] | None = None, **options: An
     Parameters
     ----------
     thing : Mesh, LidarFrame, RgbdFrame, DrawnPoints or a result, or a sequence of them
-        As for `manip3d.viewer.shown`.
+        Same as for `manip3d.viewer.shown`.
     output : path, optional
         File to write. Default: a temporary page, which is opened in the browser if there is a
         display.

@@ -134,7 +134,7 @@ def mesh_picture(
     camera : Intrinsics
         The depth camera, whose size the picture has.
     phantom_color : (H', W', 3) uint8, optional
-        As for `textured_picture`.
+        Same as for `textured_picture`.
     azimuth : float, degrees
         Angle of the rotation; positive: seen from the camera's right.
     threads : int
@@ -170,7 +170,7 @@ def surface_picture(
     texcoords : (n, 2) float32
         Texture coordinates of each vertex.
     color, camera, azimuth, threads
-        As for `mesh_picture`.
+        Same as for `mesh_picture`.
 
     Raises
     ------
@@ -239,9 +239,9 @@ def phantom_sheet(
     phantom : PhantomFrame
         Result of `manip3d.modify.PhantomPipeline` for the frame.
     phantom_color : (H', W', 3) uint8, optional
-        As for `textured_picture`.
+        Same as for `textured_picture`.
     azimuth : float, degrees
-        As for `mesh_picture`.
+        Same as for `mesh_picture`.
     threads : int
         Number of threads; 0: ``MANIP3D_THREADS`` if it is set, otherwise all cores.
 

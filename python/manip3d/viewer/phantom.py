@@ -117,7 +117,7 @@ def render_phantom(
         The affected limb: ``left_arm``, ``right_arm``, ``left_leg`` or ``right_leg`` (the person's
         own left and right). Default: the limb that a simulated person has lost, or the right arm.
     mode, segmentation, smoothing, plane
-        As for `manip3d.modify.PhantomPipeline`.
+        Same as for `manip3d.modify.PhantomPipeline`.
     pose : bool
         Find the person's joints with `manip3d.modify.PoseTracker`, for sources without skeletons.
     azimuth : float, degrees

@@ -71,7 +71,7 @@ def picture(
     Parameters
     ----------
     thing : Mesh, LidarFrame, RgbdFrame, DrawnPoints or a result
-        As for `shown`.
+        Same as for `shown`.
     size : (width, height), pixels
     azimuth : float, degrees
         Direction of the camera. 0: from the front (from +z; from -y if ``up='z'``; from -z if
@@ -255,9 +255,9 @@ def comparison(
     size : (width, height), pixels
         Size of one picture, without its caption.
     azimuth, elevation, zoom, up, place, color_by, legend
-        As for `picture`.
+        Same as for `picture`.
     shading, texture, wireframe, boundary, backfaces, background
-        As for `picture`.
+        Same as for `picture`.
 
     Returns
     -------

@@ -66,7 +66,7 @@ def scan_points(
     frame : LidarFrame
         The scan. Points at exactly (0, 0, 0), which mean no return, are left out.
     boxes : sequence of Box, or mapping of str to sequence of Box
-        As for `box_lines`.
+        Same as for `box_lines`.
     classes : Classes, optional
         Class of each point of the frame, which is shown first.
 
