@@ -231,7 +231,7 @@ def with_digits(scan: LidarFrame, digits: int) -> LidarFrame:
 
 @pytest.mark.parametrize("digits", [4, 5, 6, 8])
 def test_texts_of_few_digits_accuse_nobody(unit: Unit, digits: int) -> None:
-    """In five digits (MATLAB's default), coordinates of 10 m and more are whole millimetres."""
+    """Text with five digits, MATLAB's default, has whole millimetres from 10 m on: no edit."""
     for labelled in (False, True):
         scan = exact_scan(unit, labelled=labelled)
         assert np.abs(scan.points).max() > 10.0
@@ -560,7 +560,7 @@ def test_points_above_all_lasers_are_not_passed_over(unit: Unit) -> None:
 def test_edits_are_planted_in_objects_however_high_the_scanner_stands(
     height: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Not in the ground, which is no object."""
+    """Edits are planted in objects, but not in the ground, at any height of the scanner."""
     monkeypatch.setattr(exact_scans, "GROUND", -height)
     monkeypatch.setattr(exact_scans, "WALLS", (60.0, 60.0))
     planted = []

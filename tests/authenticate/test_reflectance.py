@@ -586,7 +586,7 @@ def test_a_fifth_of_the_values_off_the_hundredths_is_too_many(off: int) -> None:
 
 @pytest.mark.parametrize(("different", "is_judged"), [(15, False), (16, True)])
 def test_sixteen_values_are_enough(different: int, is_judged: bool) -> None:
-    """Also where only those that are not looked at first differ."""
+    """16 different values are enough, also if only values outside of the first sample differ."""
     random = np.random.default_rng(0)
     values = (0.3 + 0.01 * random.permutation(np.arange(7000) % different)).astype(np.float32)
     some = LidarFrame(np.ones((7000, 3), np.float32), values)

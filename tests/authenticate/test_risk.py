@@ -294,7 +294,7 @@ def test_the_height_of_a_roof_is_still_ahead() -> None:
 
 
 def test_the_oldest_frame_of_the_longest_window_is_compared_with_the_one_before() -> None:
-    """At 1.3 m/s the window has 720 frames, which are 720 pairs with the frame before it."""
+    """The longest window, 720 frames, gives 720 pairs together with the frame before it."""
     tracker = RiskTracker()
     for _ in range(730):
         risk = tracker.update(attack(), speed_mps=1.0)

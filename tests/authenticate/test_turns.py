@@ -449,7 +449,7 @@ def test_turns_that_were_cut_beyond_what_is_compared_do_not_mark_a_scan(
 def test_a_drive_looks_closer_at_turns_beside_one_that_was_cut(
     turns: list[np.ndarray], monkeypatch: pytest.MonkeyPatch, threads: int
 ) -> None:
-    """By the own inspection of that one; where all are whole it costs nothing."""
+    """Turns beside one whose own inspection shows a cut are examined; whole drives cost nothing."""
     more = [turn_scans.turn(STEP * k, 10 + k) for k in (2, 3)]
     drive = [LidarFrame(on_its_car(turn), origin=(0, 0, 0)) for turn in (*turns, *more)]
     asked = []

@@ -52,7 +52,7 @@ def marker_of(key: KeyFile, embedding: str = "lbm", **options: object) -> Waterm
 def verify(
     key: KeyFile, scan: LidarFrame, record: bytes | None, **policy: object
 ) -> WatermarkResult:
-    """By a verifier who knows nothing else."""
+    """Verify by a new verifier, which has seen no other frame."""
     chosen = Policy(**{"order": "any", **policy})  # type: ignore[arg-type]
     return Watermarker(key).verify(scan, record, policy=chosen)
 

@@ -96,7 +96,7 @@ def f32_bits(value: float) -> int:
 
 
 def slice_of(x: float, y: float, slices: int) -> int:
-    """By the directions times 2^28, compared exactly; (0, 0) is in slice 0."""
+    """Find the slice by exact comparison with directions times 2^28; (0, 0) is in slice 0."""
     if x == 0 and y == 0:
         return 0
     upper = y > 0 or (y == 0 and x > 0)  # azimuth in [0, pi)

@@ -264,7 +264,7 @@ def at_steps(frames: list[RgbdFrame], seconds: float) -> list[RgbdFrame]:
 
 @pytest.mark.parametrize("last", [40, 30])
 def test_a_hidden_spine_is_no_absence(tmp_path: Path, last: int) -> None:
-    """For 12.5 seconds; then the spine is seen again, or the person leaves."""
+    """A person whose spine is hidden for 12.5 seconds is followed, also until they leave."""
     first = standing(range(last), 0.6, 2)
     first |= {n: with_states(first[n], "Spine") for n in range(5, 30)}
     frames = at_steps(seen(first, standing(range(40), 0.0, 5)), 0.5)

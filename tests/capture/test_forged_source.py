@@ -19,7 +19,7 @@ STEP = 33_333_333
 
 
 def person(number: int) -> RgbdFrame:
-    """Somebody who walks past, 4 m before a wall."""
+    """Return a frame of a person who walks past, 4 m before a wall."""
     places = pose(turn_deg=2.0 * number)
     seen = frame(places, SMALL, number=number)
     wall = np.full(seen.depth.shape, 4000, np.uint16) + np.uint16(number % 3)
@@ -55,7 +55,7 @@ def seen(uri: str) -> tuple[list[RgbdFrame], dict[str, int]]:
 
 
 def is_forged(given: RgbdFrame) -> bool:
-    """Whether the scene behind is the other one."""
+    """Whether a frame shows the other background."""
     return bool((given.depth == 3500).mean() > 0.3)
 
 

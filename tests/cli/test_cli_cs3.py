@@ -1063,7 +1063,7 @@ def test_a_stable_folder_removes_meshes_only_with_force(frames: Path, tmp_path: 
 def test_the_mesh_of_a_file_that_is_now_a_mask_is_none_of_the_sequence(
     frames: Path, tmp_path: Path
 ) -> None:
-    """Without a name with the word depth, 1_mask.png is a depth image as any other."""
+    """A file that is read as a mask since another one is named depth has no mesh any more."""
     sources, folder, output = sorted(frames.iterdir()), tmp_path / "in", tmp_path / "out"
     folder.mkdir()
     for source, name in zip(sources, ("0.png", "1_mask.png"), strict=False):

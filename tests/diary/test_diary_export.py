@@ -185,7 +185,7 @@ def test_games_of_a_simulated_person_are_said_to_be_left_out(diary: Diary, tmp_p
 
 
 def test_the_bundle_is_fhir(diary: Diary, tmp_path: Path) -> None:
-    """By models made of the definitions of FHIR 4.0.1, which is R4."""
+    """The bundle fits strict models that were generated from FHIR 4.0.1, which is R4."""
     base = pytest.importorskip("fhirclient.models.fhirabstractbase")
     bundles = pytest.importorskip("fhirclient.models.bundle")
     export_fhir(diary, tmp_path / "P01.json", "P01")

@@ -60,7 +60,7 @@ def test_forged_streams_are_found_and_clean_ones_are_not_accused() -> None:
 @pytest.mark.realdata
 @pytest.mark.parametrize("kind", ["streams", "kitchen"])
 def test_the_stated_power_of_the_stream_detector_is_measured(kind: str, realdata: RealData) -> None:
-    """On recorded people; that all of the 16 simulated streams are found is taken for granted."""
+    """The stated power is that of recorded people, and assumes that simulated ones are found."""
     realdata.needs("person_turning", "people_utd_mhad", "scene_kitchen")
     plan = Plan(data="real", scale="full")
     cases = [c for c in registry()["figure-5.8"].cases(plan) if c.options["kind"] == kind]

@@ -336,7 +336,7 @@ def test_open3d_reads_the_same(mesh: Mesh, tmp_path: Path) -> None:
 @pytest.mark.parametrize("suffix", [".glb", ".gltf"])
 @pytest.mark.parametrize("offset", [0.0, 5e5, 5e7])  # float32 has steps of 4 there
 def test_quantised_values_are_near(offset: float, suffix: str, tmp_path: Path) -> None:
-    """By half a step: a power of two in space, of 65535 in UV, of 127 in a normal."""
+    """Errors are at most half a step: a power of two in space, 1/65535 in UV, 1/127 in normals."""
     rng = np.random.default_rng(7)
     vertices, normals = rng.random((60, 3)) * [40.0, 7.0, 0.5] + offset, rng.normal(size=(60, 3))
     faces = rng.permutation(60).reshape(20, 3)

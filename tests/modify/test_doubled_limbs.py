@@ -99,7 +99,7 @@ def test_half_of_what_is_left_is_doubled_half_as_much(bench: ModuleType, seen: S
 
 @pytest.mark.parametrize("sitting", [False, True])
 def test_the_flank_of_a_stout_trunk_is_no_arm(bench: ModuleType, sitting: bool) -> None:
-    """By distances from the spine alone it was, and by those from the arm's line alone, too."""
+    """A flank is no arm, unlike by distances from the spine alone or from the arm's line alone."""
     seen = whole_person("left_arm", {"motion": "still", "girth": 1.5, "sitting": sitting})
     others = (seen.frame.body_index == 0) & ~np.isin(seen.bones, LIMBS["left_arm"][1:])
     assert doubled(bench, seen, others) < 0.1

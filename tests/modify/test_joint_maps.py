@@ -58,7 +58,7 @@ def test_maps_move_with_the_body_and_keep_its_sides(layout: str) -> None:
 
 @pytest.mark.parametrize("layout", LAYOUTS)
 def test_the_middle_of_a_symmetric_body_is_exactly_in_the_middle(layout: str) -> None:
-    """On every processor: fused multiply-add, as in a BLAS, leaves a remainder of x and -x."""
+    """Middle joints have x = 0 on every processor; fused multiply-add would leave a remainder."""
     middle = [j for j, name in enumerate(rgbd.JOINTS) if not name.endswith(("Left", "Right"))]
     for width in np.random.default_rng(5).uniform(0.1, 3.0, 200):
         joints = standing(layout) * [width, 1.0, 1.0]

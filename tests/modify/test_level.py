@@ -28,7 +28,7 @@ def degrees_off(result: PhantomFrame, down: np.ndarray) -> float:
     [(0.0, 0.0, 0.95), (25.0, 0.0, 2.1), (-20.0, 0.0, 0.3), (0.0, 20.0, 0.95)],
 )
 def test_a_floor_tells_the_vertical(limb: Limb, tilt: float, roll: float, height: float) -> None:
-    """With a body index, the floor was not looked at for an arm."""
+    """The floor gives the vertical for arms and legs, also with a body index."""
     turned = about("z", roll) @ about("x", tilt)
     for result in Scene(Pose(turn=20.0), turned=turned, height=height).watched(limb, 3):
         assert result.down_source is DownSource.FLOOR

@@ -21,7 +21,7 @@ def frames(count: int, **scene):
 
 
 def test_the_shoe_cover_shows_how_the_foot_moves() -> None:
-    """With the sensor's noise; the tracker's own joints are not looked at beyond the ankle."""
+    """The shoe cover gives the foot's motion under noise, without joints beyond the ankle."""
     tracker = modify.ShoeCoverTracker()
     foot = JOINT["FootLeft"]
     found, truth = [], []

@@ -60,7 +60,7 @@ def test_a_chest_at_rest_is_not_twisted(limb: Limb) -> None:
 
 
 def test_a_body_that_turns_as_a_whole_is_not_followed_later() -> None:
-    """With trunk and pelvis as one estimate the plane lagged by 67 to 400 ms."""
+    """The plane does not lag; with one estimate for trunk and pelvis it lagged by 67 to 400 ms."""
     off, _ = followed("left_leg", sway=20.0, seed=3)
     assert np.percentile(off, 95) < 5.0
 

@@ -41,7 +41,7 @@ def module_of(file: str) -> str:
 
 
 def is_python(mutant: dict[str, Any]) -> bool:
-    """Whether the change is one of the package; else it is one of the core."""
+    """Whether a mutant changes the Python package and not the core."""
     return bool(mutant["file"].startswith("python/"))
 
 

@@ -46,7 +46,7 @@ class Player:
         self.stream.send(json.dumps({"type": name, **fields}).encode())
 
     def wait(self, condition: Any, seconds: float = 60.0) -> None:
-        """Until a condition on the status holds."""
+        """Wait until a condition on the status holds."""
         end = time.monotonic() + seconds
         while not (self.status and condition(self.status)):
             assert time.monotonic() < end, self.status.get("message")

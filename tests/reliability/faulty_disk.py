@@ -93,7 +93,7 @@ def findings(name: str, error: int, stays: bool) -> tuple[int, list[str]]:
 
 
 def is_reached(name: str, folder: Path, call: int) -> bool:
-    """Whether an undisturbed write makes so many calls."""
+    """Whether an undisturbed write makes at least ``call`` calls."""
     from killed_writers import WRITERS
 
     arm = ctypes.CDLL(None).arm

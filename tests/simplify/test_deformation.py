@@ -52,7 +52,7 @@ def test_a_simplified_arm_bends_and_swells_as_the_original(
 
 
 def test_a_flat_banner_keeps_the_vertices_that_it_waves_with(tmp_path: Path) -> None:
-    """At rest it needs two faces, and a ball beside it thousands."""
+    """A flat banner keeps vertices for its morph target, although a ball needs faces, too."""
     side = 41
     x, y = (c.reshape(-1) / 4.0 for c in np.meshgrid(range(side), range(side), indexing="ij"))
     a = (np.arange(side - 1)[:, None] * side + np.arange(side - 1)).reshape(-1)

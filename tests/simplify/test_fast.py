@@ -423,7 +423,7 @@ def cone_with_hole(radius: float, rows: int = 8, sides: int = 36) -> Mesh:
 def test_a_cone_whose_tip_is_a_ring_of_almost_equal_points_stays(
     radius: float, ratio: float, is_split: bool
 ) -> None:
-    """Without a hold of that ring, the cone was cut off from its tip downwards."""
+    """A tip of almost equal points is held; else the cone is cut off from its tip downwards."""
     ring = cone_with_hole(radius)
     ring = Mesh(ring.vertices, ring.faces)
     if is_split:  # as glTF stores flat faces

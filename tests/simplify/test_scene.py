@@ -270,7 +270,7 @@ def test_levels_of_detail_of_a_scene(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("levels", [1, 3])
 def test_quantised_meshes_lie_where_they_did(levels: int, tmp_path: Path) -> None:
-    """By half a step, at each instance's size."""
+    """Quantisation moves vertices by at most half a step, scaled by the size of the instance."""
     scene = io.read_scene(four_balls(tmp_path / "balls.glb"))
     written = scene if levels == 1 else simplify.scene_lods(scene, levels)
     written.write(tmp_path / "plain.glb")

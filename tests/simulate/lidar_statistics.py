@@ -93,7 +93,7 @@ def measure(points: NDArray[np.float32]) -> Statistics:
 
 
 def _shot_noise(distance: Doubles, ring: NDArray[np.int64]) -> float:
-    """From second differences along rings, of which most lie on smooth ground."""
+    """Estimate the noise from second differences along rings, most of which are smooth ground."""
     second = [np.diff(distance[ring == k], 2) for k in range(24, 60, 4)]
     spread = [1.4826 * np.median(abs(s)) / np.sqrt(6.0) for s in second]
     return float(1e3 * np.median(spread))

@@ -447,7 +447,7 @@ def test_a_picture_of_points_shows_their_colors_and_boxes(tmp_path: Path) -> Non
 
 
 def test_coordinates_of_a_map_are_drawn_as_those_near_0() -> None:
-    """In float32, in which VTK draws points, they were a few stripes."""
+    """Points at coordinates of a map are drawn precisely; float32 would draw a few stripes."""
     need_renderer()
     y, x = np.mgrid[0:60, 0:60] * 0.05
     points = np.column_stack([x.ravel(), y.ravel(), 0.2 * np.sin(3 * x).ravel()])
