@@ -117,7 +117,10 @@ def test_other_scans_are_written(tmp_path: Path) -> None:
     np.testing.assert_array_equal(found.intensity, scan.intensity)
     assert found.fields["red"].tolist() == list(range(50))
     scan.replace(origin=(1.0, 2.0, 3.0)).write(path)
-    assert io.read_scan(path).origin is None  # it is not at the origin, which is what PTX promises
+    moved = io.read_scan(path)
+    assert moved.origin == (0.0, 0.0, 0.0)  # PTX promises points relative to the scanner
+    assert moved.format is not None
+    assert moved.format.header["pose"][:3, 3].tolist() == [1.0, 2.0, 3.0]
     scan.write(path)
     few = io.read_scan(path).select(np.arange(20))
     few.write(path)  # no grid any more

@@ -18,6 +18,7 @@ from manip3d.lidar import LidarFrame, map_shift
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+    from numpy.typing import NDArray
     from rich.console import Console
 
     from manip3d.capture import LidarSource
@@ -284,8 +285,7 @@ def _tell_left_out(names: list[str], suffix: str, terminal: Terminal) -> None:
 
 def tell_of_map(scan: LidarFrame, suffix: str, terminal: Terminal) -> None:
     """Warn if map coordinates or the scanner's position are lost or are rarely read by programs."""
-    from manip3d._util.linear import quaternions
-    from manip3d.io._scan_tables import loses_map_coordinates, lost_pose, map_coordinates
+    from manip3d.io._scan_tables import loses_map_coordinates, map_coordinates
 
     is_new = scan.format is not None and scan.format.name != "pcd"
     if suffix == ".pcd" and is_new and map_coordinates(scan, "pcd") is not None:
@@ -293,20 +293,35 @@ def tell_of_map(scan: LidarFrame, suffix: str, terminal: Terminal) -> None:
             "coordinates of 64 bits, which PCL and Open3D do not read in .pcd files: for these "
             "write .ply or .las"
         )
-    if suffix == ".ptx" and scan.origin is None:
-        terminal.warn("where the scanner stood is not known; .ptx files say that it is the origin")
-    if (pose := lost_pose(scan, suffix)) is not None:
-        where = " ".join(f"{value:.3f}" for value in pose[:3, 3])
-        (turn,) = quaternions(pose[None, :3, :3])
-        turned = " ".join(f"{value:.6f}" for value in turn)
-        terminal.warn(
-            f"coordinates are the scanner's own, and {suffix} holds no pose; the scanner "
-            f"stands at {where}, turned by the quaternion (w x y z) {turned}"
-        )
+    _tell_of_position(scan, suffix, terminal)
     if scan.format is not None and loses_map_coordinates(scan, suffix):
         shift = scan.format.to_file[:3, 3]
         place = " ".join(f"{value:.0f}" for value in shift)
         terminal.warn(f"coordinates are written near 0: those of the map are {place} more")
+
+
+def _tell_of_position(scan: LidarFrame, suffix: str, terminal: Terminal) -> None:
+    """Warn if a format does not hold the scanner's position or its pose, or states a wrong one."""
+    from manip3d._util.linear import quaternions
+    from manip3d.io._scan_tables import lost_origin, lost_pose, states_wrong_origin
+
+    if states_wrong_origin(scan, suffix):
+        terminal.warn(
+            f"where the scanner stood is not known; {suffix} files say that it is the origin"
+        )
+    if (place := lost_origin(scan, suffix)) is not None:
+        terminal.warn(f"the scanner stands at {_millimetres(place)}, which {suffix} does not hold")
+    if (pose := lost_pose(scan, suffix)) is not None:
+        (turn,) = quaternions(pose[None, :3, :3])
+        turned = " ".join(f"{value:.6f}" for value in turn)
+        terminal.warn(
+            f"coordinates are the scanner's own, and {suffix} holds no pose; the scanner "
+            f"stands at {_millimetres(pose[:3, 3])}, turned by the quaternion (w x y z) {turned}"
+        )
+
+
+def _millimetres(place: NDArray[np.float64]) -> str:
+    return " ".join(f"{value:.3f}" for value in place)
 
 
 def _write_folder(scans: Iterator[LidarFrame], output: Path, terminal: Terminal) -> None:
@@ -317,16 +332,17 @@ def _write_folder(scans: Iterator[LidarFrame], output: Path, terminal: Terminal)
     folder = output / "velodyne"
     count_written, times = 0, []
     left_out: dict[str, None] = {}
-    told: set[tuple[float, ...]] = set()
+    told: set[tuple[Any, ...]] = set()
     damage: FormatError | None = None
     try:
         for number, scan in enumerate(scans):
             folder.mkdir(parents=True, exist_ok=True)  # not before there is a scan
             _measured(scan, ".bin", terminal).write(folder / f"{number:06d}.bin")
-            shift = () if scan.format is None else tuple(scan.format.to_file[:3, 3].tolist())
-            if shift not in told:  # all scans of a recording have the same
+            # All scans of a recording usually have the same shift and the same position.
+            about = (*map_shift(scan).tolist(), scan.origin)
+            if about not in told:
                 tell_of_map(scan, ".bin", terminal)
-            told.add(shift)
+            told.add(about)
             left_out |= dict.fromkeys(names_left_out(scan, ".bin"))
             count_written += 1
             if scan.time_ns is not None:

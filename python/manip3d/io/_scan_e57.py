@@ -20,7 +20,7 @@ from manip3d.io._scan_tables import (
     near_zero,
     refuse_expansion,
 )
-from manip3d.lidar import LidarFrame, ScanFormat
+from manip3d.lidar import LidarFrame, ScanFormat, map_shift
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 
 _RIGID = 1e-5  # largest error of R R^T; poses in text have six digits or more
 _BLOCK = 1 << 20  # bytes per write
+_NO_TURN = (1.0, 0.0, 0.0, 0.0)  # quaternion w, x, y, z
 _CARTESIAN = ("cartesianX", "cartesianY", "cartesianZ")
 _SPHERICAL = ("sphericalRange", "sphericalAzimuth", "sphericalElevation")
 _STATES = ("cartesianInvalidState", "sphericalInvalidState")
@@ -37,6 +38,11 @@ ECHO = "returnIndex"
 _TIME = "timeStamp"
 """Column with the time of each point in seconds, after the scan's own start."""
 _NO_INTENSITY = "isIntensityInvalid"
+_EXTENSION, _EXTENSION_URI = "manip3d", "urn:manip3d:e57"
+"""Prefix and URI of this library's elements in an E57 file, which other readers ignore."""
+_UNPLACED = f"{_EXTENSION}:unknownScannerPosition"
+"""Element of a scan whose pose only places its points, because nobody knows where the scanner
+stood."""
 
 COLORS = ("colorRed", "colorGreen", "colorBlue")
 _MAX_COLOR, _MAX_WIDE_COLOR = 255.0, 65535.0
@@ -130,11 +136,15 @@ def _read_one(file: Any, index: int, path: Path) -> LidarFrame:
     else:
         raise FormatError(f"scan {index}: expected x, y, z or range and angles", file=str(path))
     keep &= ~np.isnan(exact).any(axis=1)
-    pose = np.eye(4)
+    pose, rotation = np.eye(4), header.rotation
     pose[:3, :3] = header.rotation_matrix
     pose[:3, 3] = header.translation
     exact = np.ascontiguousarray(exact[keep])
-    about = {"pose": pose, "rotation": header.rotation, "index": index}
+    is_placed = not _is_unplaced(file, header)
+    if not is_placed:
+        exact = ScanFormat("e57", to_file=pose).file_coordinates(exact)
+        pose, rotation = np.eye(4), np.array(_NO_TURN)
+    about = {"pose": pose, "rotation": rotation, "index": index}
     layout = ScanFormat("e57", header=about, to_file=near_zero(exact))
     points = measured_points(exact, layout, str(path))
     fields = {name: values[keep] for name, values in data.items() if name != "intensity"}
@@ -142,7 +152,7 @@ def _read_one(file: Any, index: int, path: Path) -> LidarFrame:
     return LidarFrame(
         points=points,
         intensity=data["intensity"][keep] if has_intensity else None,
-        origin=None if layout.to_file[:3, 3].any() else (0.0, 0.0, 0.0),
+        origin=(0.0, 0.0, 0.0) if is_placed and not layout.to_file[:3, 3].any() else None,
         source=str(path),
         fields=fields,
         exact=exact_coordinates(exact, points),
@@ -152,10 +162,20 @@ def _read_one(file: Any, index: int, path: Path) -> LidarFrame:
     )
 
 
+def _is_unplaced(file: Any, header: Any) -> bool:
+    """Return whether a scan that this library wrote has no known scanner position."""
+    # libE57 refuses names with a prefix that the file does not declare.
+    image = file.image_file
+    prefixes = [image.extensionsPrefix(i) for i in range(image.extensionsCount())]
+    return _EXTENSION in prefixes and bool(header.node.isDefined(_UNPLACED))
+
+
 def write_all(frames: Sequence[LidarFrame], path: Path) -> None:
     """Write all scan positions; pye57 writes coordinates as 32-bit floats.
 
-    Map coordinates are shifted near 0, and the shift is written in the pose.
+    Points are relative to the scanner, whose position is written in the pose. Map coordinates are
+    shifted near 0, and the shift is written in the pose, too. Scans whose scanner position is not
+    known are marked by `_UNPLACED`.
 
     Raises
     ------
@@ -170,6 +190,8 @@ def write_all(frames: Sequence[LidarFrame], path: Path) -> None:
     with os.fdopen(os.memfd_create("manip3d"), "rb") as memory:
         file = pye57.E57(f"/proc/self/fd/{memory.fileno()}", mode="w")
         try:
+            if any(frame.origin is None for frame in frames):
+                file.image_file.extensionsAdd(_EXTENSION, _EXTENSION_URI)
             for frame in frames:
                 _write_one(file, frame)
         finally:
@@ -191,9 +213,9 @@ def integers_of(frame: LidarFrame) -> list[str]:
 
 
 def _write_one(file: Any, frame: LidarFrame) -> None:
-    data: dict[str, NDArray[Any]] = {
-        name: frame.points[:, i].astype(np.float64) for i, name in enumerate(_CARTESIAN)
-    }
+    stands = np.zeros(3) if frame.origin is None else np.array(frame.origin)
+    seen = frame.points.astype(np.float64) - stands
+    data: dict[str, NDArray[Any]] = {name: seen[:, i] for i, name in enumerate(_CARTESIAN)}
     if frame.intensity is not None:
         data["intensity"] = frame.intensity
     data |= {name: frame.fields[name].astype(INTEGERS[name]) for name in integers_of(frame)}
@@ -208,8 +230,8 @@ def _write_one(file: Any, frame: LidarFrame) -> None:
             "points: E57 holds poses that turn and move, got one that scales or skews; a format "
             "without poses holds the points"
         )
-    to_file = np.eye(4) if frame.format is None else frame.format.to_file
-    is_moved = np.array_equal(to_file[:3, :3], np.eye(3))
-    shift = to_file[:3, 3] if is_moved else np.zeros(3)
-    translation = pose[:3, 3] + product(pose[:3, :3], shift)
+    translation = pose[:3, 3] + product(pose[:3, :3], map_shift(frame) + stands)
     file.write_scan_raw(data, rotation=rotation, translation=translation)
+    if frame.origin is None:
+        written = file.data3d[file.data3d.childCount() - 1]
+        written.set(_UNPLACED, imported("pye57", "e57").libe57.IntegerNode(file.image_file, 1))

@@ -113,7 +113,8 @@ def read_scan(
         Coordinates relative to the scanner, the scanner at the origin; ``format.header["pose"]`` is
         its pose. In PTX, points at (0, 0, 0) were not measured, and ``format.header["shape"]``
         holds the numbers of columns and rows of the grid. If the scanner position that a PTX file
-        states contradicts its pose, the position is treated as unknown.
+        states contradicts its pose, the position is treated as unknown. An E57 scan that
+        `write_scan` wrote without a known position has coordinates of the file, and none again.
     Text (``.xyz``, ``.xyzi``, ``.xyzn``, ``.xyzrgb``, ``.asc``, ``.pts``, ``.txt``, ``.csv``)
         One point per line; columns are separated by commas, semicolons or spaces. A line before the
         points may name the columns. Otherwise they are x, y, z, then the intensity if there are
@@ -279,9 +280,7 @@ def write_scan(frame: LidarFrame, path: str | os.PathLike[str]) -> None:
 
 def names_left_out(frame: LidarFrame, suffix: str) -> list[str]:
     """Return the columns of a scan, other than zeros, that a file of this suffix cannot hold."""
-    name = suffix.lstrip(".").replace("laz", "las")
-    if suffix in tables.TABLE_SUFFIXES:
-        name = tables.format_name(suffix)
+    name = tables.format_name(suffix)
     # pye57 reads more than it writes.
     if frame.format is not None and frame.format.name == name != "e57":
         return []

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TextIO
 
 import numpy as np
 
@@ -20,7 +20,7 @@ from manip3d.io._scan_tables import (
     near_zero,
     stored_coordinates,
 )
-from manip3d.lidar import LidarFrame, ScanFormat
+from manip3d.lidar import LidarFrame, ScanFormat, map_shift
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -164,34 +164,43 @@ def _read_points(lines: _Lines, count: int) -> Doubles:
 def write_all(frames: Sequence[LidarFrame], path: Path) -> None:
     """Write all scans; those that were read from PTX or E57 keep their poses.
 
-    If points were added or removed, the scan is no grid any more, and is written as one column. An
-    unknown position of the scanner is written as the origin, because PTX cannot express it.
+    Points are relative to the scanner, whose position is written in the matrix. If points were
+    added or removed, the scan is no grid any more, and is written as one column. An unknown
+    position of the scanner is written as the origin, because PTX cannot express it.
     """
     with atomic_path(path) as temporary, temporary.open("w", encoding="ascii", newline="\n") as out:
         for frame in frames:
-            known = {} if frame.format is None else dict(frame.format.header)
-            is_own = frame.format is not None and frame.format.name == "ptx"
-            shape = known["shape"] if is_own else (1, frame.num_points)
-            if shape[0] * shape[1] != frame.num_points:
-                shape = (1, frame.num_points)
-            given = known.get("pose")  # None for a .3d file without its .pose file
-            pose = np.eye(4) if given is None else np.asarray(given)
-            stands = np.append(frame.origin or (0.0, 0.0, 0.0), 1.0)
-            position = known["position"] if is_own else product(pose, stands)[:3]
-            axes = known["axes"] if is_own else pose[:3, :3].T
-            out.write(f"{shape[0]}\n{shape[1]}\n")
-            np.savetxt(out, np.vstack([position, axes]), "%.17g")
-            np.savetxt(out, pose.T, "%.17g")
-            np.savetxt(out, _table_of(frame), _row_of(frame))
+            _write_one(frame, out)
 
 
-def _table_of(frame: LidarFrame) -> Doubles:
+def _write_one(frame: LidarFrame, out: TextIO) -> None:
+    known = {} if frame.format is None else dict(frame.format.header)
+    is_own = frame.format is not None and frame.format.name == "ptx"
+    shape = known["shape"] if is_own else (1, frame.num_points)
+    if shape[0] * shape[1] != frame.num_points:
+        shape = (1, frame.num_points)
+    given = known.get("pose")  # None for a .3d file without its .pose file
+    pose = np.eye(4) if given is None else np.array(given, np.float64)
+    stands = np.zeros(3) if frame.origin is None else np.array(frame.origin) + map_shift(frame)
+    pose[:, 3] = product(pose, np.append(stands, 1.0))
+    position = known["position"] if is_own and not stands.any() else pose[:3, 3]
+    axes = known["axes"] if is_own else pose[:3, :3].T
+    out.write(f"{shape[0]}\n{shape[1]}\n")
+    np.savetxt(out, np.vstack([position, axes]), "%.17g")
+    np.savetxt(out, pose.T, "%.17g")
+    np.savetxt(out, _table_of(frame, stands), _row_of(frame))
+
+
+def _table_of(frame: LidarFrame, stands: Doubles) -> Doubles:
     if frame.intensity is None:
         intensity = np.full(frame.num_points, _NO_INTENSITY)
     else:
         intensity = frame.intensity.astype(np.float64)
     colors = [frame.fields[name] for name in color_names(frame, "ptx")]
-    return np.column_stack([stored_coordinates(frame, "ptx"), intensity, *colors])
+    stored = stored_coordinates(frame, "ptx")
+    # Points at exactly (0, 0, 0) stay there, because they were not measured.
+    seen = np.where(stored.any(axis=1, keepdims=True), stored - stands, 0.0).astype(stored.dtype)
+    return np.column_stack([seen, intensity, *colors])
 
 
 def _row_of(frame: LidarFrame) -> str:

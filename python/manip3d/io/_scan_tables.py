@@ -21,7 +21,7 @@ from manip3d._util.text_files import text_of
 from manip3d.errors import FormatError
 from manip3d.io._limits import check_points
 from manip3d.io._scan_colors import NORMALS, color_names, plain_name
-from manip3d.lidar import LidarFrame, ScanFormat
+from manip3d.lidar import LidarFrame, ScanFormat, map_shift
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -45,6 +45,8 @@ _WITH_DOUBLES = (*_UNSTATED, "ply", "pcd", "las", "ptx", "ros")
 _POSED = ("e57", "ptx")
 """Formats that hold the pose of the scanner."""
 _BARE = ("kitti", "nuscenes")
+_AT_SCANNER = (*_BARE, "3dtk")
+"""Formats whose points are relative to the scanner, without a place for its position."""
 _LARGEST = 1e9
 """Largest number in a scan, metres or otherwise. If 64-bit numbers are read as 32-bit ones, some
 are larger."""
@@ -534,7 +536,7 @@ def stored_coordinates(frame: LidarFrame, name: str) -> NDArray[Any]:
 
 def loses_map_coordinates(frame: LidarFrame, suffix: str) -> bool:
     """Return whether map coordinates are lost in a file of this suffix, which gets shifted ones."""
-    name = suffix.lstrip(".").replace("laz", "las")
+    name = format_name(suffix)
     if frame.format is None or frame.format.name == name or name in (*_WITH_DOUBLES, "e57"):
         return False
     return bool(frame.format.to_file[:3, 3].any())
@@ -549,6 +551,32 @@ def lost_pose(frame: LidarFrame, suffix: str) -> NDArray[np.float64] | None:
         return None
     pose = frame.format.header.get("pose")  # of E57, PTX and .3d
     return None if pose is None or np.array_equal(pose, np.eye(4)) else np.asarray(pose)
+
+
+def states_wrong_origin(frame: LidarFrame, suffix: str) -> bool:
+    """Return whether a file of this suffix says that the scanner, whose position is not known,
+    stood at the origin.
+
+    PCD says so, too, but not of map coordinates, see `_shifted_origin`.
+    """
+    if frame.origin is not None:
+        return False
+    if suffix == ".pcd":
+        return map_coordinates(frame, "pcd") is None
+    return suffix == ".ptx" or format_name(suffix) in _AT_SCANNER
+
+
+def lost_origin(frame: LidarFrame, suffix: str) -> NDArray[np.float64] | None:
+    """Return the scanner's position in the coordinates of a file of this suffix, if it is lost.
+
+    None if the file states it, if it is not known, or if it is the origin.
+    """
+    name = format_name(suffix)
+    if frame.origin is None or name in (*_POSED, "pcd"):
+        return None
+    shift = np.zeros(3) if loses_map_coordinates(frame, suffix) else map_shift(frame)
+    place = np.array(frame.origin) + shift
+    return place if place.any() else None
 
 
 def measured_points(stored: NDArray[Any], layout: ScanFormat, file: str) -> NDArray[np.float32]:
@@ -645,7 +673,11 @@ def _cast(values: NDArray[Any], dtype: np.dtype[Any]) -> NDArray[Any]:
 def _header(layout: ScanFormat, frame: LidarFrame) -> list[list[str]]:
     """Return the header entries, with width and height if the points still are those of a grid."""
     pairs = [[k, v] for k, v in layout.header.get("pairs", ()) if k not in ("width", "height")]
-    if layout.name == "pcd" and (sides := kept_grid(frame, layout)) is not None:
+    if layout.name != "pcd":
+        return pairs
+    if frame.format is layout:
+        pairs = [[k, _own_viewpoint(frame, layout, v) if k == "viewpoint" else v] for k, v in pairs]
+    if (sides := kept_grid(frame, layout)) is not None:
         pairs += [["width", str(sides[1])], ["height", str(sides[0])]]
     return pairs
 
@@ -729,13 +761,25 @@ def _kind(values: NDArray[Any]) -> str:
 
 
 def _pcd_layout(frame: LidarFrame) -> ScanFormat:
-    origin = np.array(frame.origin or (0.0, 0.0, 0.0))
-    is_of_map = frame.origin is not None and map_coordinates(frame, "pcd") is not None
-    if is_of_map and frame.format is not None:
-        origin = origin + frame.format.to_file[:3, 3]
-    place = " ".join(repr(value) for value in origin.tolist())
+    is_of_map = map_coordinates(frame, "pcd") is not None
+    place = _place_text(frame, map_shift(frame) if is_of_map else np.zeros(3))
     header = {"pairs": (("viewpoint", f"{place} 1 0 0 0"), ("data", "binary"))}
     return ScanFormat("pcd", _general_columns(frame, "pcd"), header)
+
+
+def _place_text(frame: LidarFrame, shift: NDArray[np.float64]) -> str:
+    """Return the position in a PCD viewpoint; (0, 0, 0) if it is not known."""
+    origin = np.zeros(3) if frame.origin is None else np.array(frame.origin) + shift
+    return " ".join(repr(value) for value in origin.tolist())
+
+
+def _own_viewpoint(frame: LidarFrame, layout: ScanFormat, told: str) -> str:
+    """Return the viewpoint of a scan that was read from PCD, as told unless the scanner moved."""
+    stated = _origin("pcd", {"viewpoint": told})
+    if frame.origin == _shifted_origin(stated, layout.to_file):
+        return told
+    turn = told.split()[3:]
+    return " ".join([_place_text(frame, layout.to_file[:3, 3]), *turn])
 
 
 def _ply_layout(frame: LidarFrame) -> ScanFormat:
@@ -813,8 +857,9 @@ _TABLES = {
 
 
 def format_name(suffix: str) -> str:
-    """Return the name in `ScanFormat` of the format of one of `TABLE_SUFFIXES`."""
-    return _TABLES[suffix].name
+    """Return the name in `ScanFormat` of the format of a suffix of scans."""
+    table = _TABLES.get(suffix)
+    return suffix.lstrip(".").replace("laz", "las") if table is None else table.name
 
 
 def column_names(frame: LidarFrame, suffix: str) -> set[str]:
