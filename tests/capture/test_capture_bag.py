@@ -161,11 +161,18 @@ def test_map_coordinates_are_shifted_by_the_same_in_all_frames(tmp_path: Path) -
 
 
 def _mcap(
-    profile: str, kind: str, schema: str, encoding: str, data: bytes, definition: str = ""
+    profile: str,
+    kind: str,
+    schema: str,
+    encoding: str,
+    data: bytes,
+    definition: str = "",
+    beside: str = "",
 ) -> bytes:
     """An MCAP file with one message, without an index, as the specification describes it.
 
-    With a definition of the message's type, its summary repeats the schema.
+    With a definition of the message's type, its summary repeats the schema. ``beside`` is the
+    encoding of a second channel's schema, and of its empty message.
     """
 
     def text(value: str) -> bytes:
@@ -176,6 +183,9 @@ def _mcap(
 
     magic = b"\x89MCAP0\r\n"
     named = record(3, struct.pack("<H", 1) + text(kind) + text(schema) + text(definition or "..."))
+    other = record(3, struct.pack("<H", 2) + text("Status") + text(beside) + text("{}"))
+    other += record(4, struct.pack("<HH", 2, 2) + text("/status") + text(beside) + text(""))
+    other += record(5, struct.pack("<HIQQ", 2, 0, 10**18, 10**18))
     body = b"".join(
         (
             magic,
@@ -183,6 +193,7 @@ def _mcap(
             named,
             record(4, struct.pack("<HH", 1, 1) + text("/top") + text(encoding) + text("")),
             record(5, struct.pack("<HIQQ", 1, 0, 10**18, 10**18) + data),
+            other if beside else b"",
             record(15, struct.pack("<I", 0)),
         )
     )
@@ -206,6 +217,21 @@ def test_mcap_files_without_a_profile(tmp_path: Path) -> None:
     path.write_bytes(_mcap("", CLOUD, "ros2msg", "json", b"{}"))
     with pytest.raises(FormatError, match="no point clouds"):
         list(capture.open(f"bag:{path}"))
+
+
+@pytest.mark.parametrize("profile", ["ros2", ""])
+@pytest.mark.parametrize("schema", ["jsonschema", "protobuf"])
+def test_a_channel_of_another_schema_does_not_hide_the_clouds(
+    tmp_path: Path, profile: str, schema: str
+) -> None:
+    """Foxglove's bridge records its own channels beside those of ROS 2."""
+    cloud = TYPES.serialize_cdr(message(TYPES, points_of(3)), CLOUD)
+    folder = write_bag(tmp_path / "bag", {"/top": [message(TYPES, points_of(3))]})
+    (path,) = folder.glob("*.mcap")
+    path.write_bytes(_mcap(profile, CLOUD, "ros2msg", "cdr", bytes(cloud), beside=schema))
+    for source in (path, folder) if profile else (path,):
+        (frame,) = capture.open(f"bag:{source}")
+        assert np.array_equal(frame.ring, points_of(3)["ring"])
 
 
 @pytest.mark.parametrize("profile", ["ros1", ""])

@@ -97,6 +97,7 @@ def _write_messages(path: Path, topic: str, out: BinaryIO, mode: str, unread: Co
     if profile not in (None, "ros2") and not (profile in PROFILES and _allows_profiles()):
         _line(out, {"profile": profile})
         return
+    _allow_schemas()
     with (Ros1Reader if head.startswith(b"#ROSBAG ") else Ros2Reader)(path) as opened:
         bag = Bag(opened)
         if mode == "images":
@@ -198,8 +199,7 @@ def _allows_profiles() -> bool:
     from rosbags.rosbag2 import storage_mcap
 
     read_string = getattr(storage_mcap, "read_string", None)
-    get_msgdef = getattr(storage_mcap, "get_msgdef", None)
-    if read_string is None or get_msgdef is None:
+    if read_string is None:
         return False
 
     def read_profile(stream: Any) -> Any:
@@ -208,15 +208,29 @@ def _allows_profiles() -> bool:
         told = read_string(stream)
         return "ros2" if told in PROFILES else told
 
+    setattr(storage_mcap, "read_string", read_profile)  # noqa: B010
+    return True
+
+
+def _allow_schemas() -> None:
+    """Let rosbags open MCAP files, also of bag folders, that have channels of other schemas.
+
+    A schema may be ros1msg, jsonschema or protobuf; `Bag` leaves out messages that it cannot
+    decode.
+    """
+    from rosbags.rosbag2 import storage_mcap
+
+    get_msgdef = getattr(storage_mcap, "get_msgdef", None)
+    if get_msgdef is None:
+        return
+
     def get_known(schema: Any) -> Any:
         try:
             return get_msgdef(schema)
-        except KeyError:  # another encoding of schemas, such as ros1msg or protobuf
+        except KeyError:
             return get_msgdef(None)
 
-    setattr(storage_mcap, "read_string", read_profile)  # noqa: B010
     setattr(storage_mcap, "get_msgdef", get_known)  # noqa: B010
-    return True
 
 
 def _write_images(bag: Bag, out: BinaryIO) -> None:
