@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import errno
 import json
@@ -20,6 +21,7 @@ from manip3d.authenticate import KeyFile, Watermarked, Watermarker, _watermark_d
 from manip3d.cli import app, main
 from manip3d.cli.terminal import Terminal
 from manip3d.errors import FormatError, InputError
+from manip3d.io._scan_tables import grid_of
 
 RANDOM = np.random.default_rng(0)
 
@@ -217,9 +219,19 @@ def test_organised_scans_and_scans_without_intensity_verify(
     )
     assert manip3d.io.read_scan(organised).num_dropped == 2
     out = tmp_path / f"signed{suffix}"
-    done = run("embed", organised, "--key", key, "-o", out, "--embedding", embedding)
+    lost = pytest.warns(UserWarning, match="grid of 4000 x 2 pixels is not kept in")
+    with lost if suffix != ".pcd" else contextlib.nullcontext():
+        done = run("embed", organised, "--key", key, "-o", out, "--embedding", embedding)
     assert done.exit_code == 0, done.output
     assert verify(out, key)[0] == 0
+    again = manip3d.io.read_scan(out)
+    if suffix == ".pcd":
+        assert grid_of(again) == (2, 4000)
+        assert again.num_dropped == 2
+        assert again.file_rows is not None
+        assert not np.isin([5, 70], again.file_rows).any()
+    else:
+        assert again.num_dropped == 0
     same = out.read_bytes() == organised.read_bytes()
     assert same == (embedding == "detached" and suffix == ".pcd")
 

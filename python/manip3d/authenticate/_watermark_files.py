@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import os
 import shutil
+import warnings
 from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
 
 import numpy as np
 
+from manip3d._util.callers import caller_level
 from manip3d._util.checked import checked
 from manip3d._util.paths import in_order, is_hidden, path_of
 from manip3d.authenticate._picture_files import carrier_bytes, picture_path
@@ -20,7 +22,7 @@ from manip3d.io import read_scan, write_scan
 from manip3d.io._files import atomic_pair, atomic_path, open_regular
 from manip3d.io._frame_times import drive_times
 from manip3d.io._scan_files import FOLDER_SUFFIXES, readable_scans, scan_paths
-from manip3d.io._scan_tables import scan_stem, scan_suffix
+from manip3d.io._scan_tables import grid_of, lost_grid, scan_stem, scan_suffix
 from manip3d.lidar import LidarFrame
 
 if TYPE_CHECKING:
@@ -264,9 +266,10 @@ def as_stored(
 ) -> LidarFrame:
     """Return a scan as it will be read from its file; the watermark must sign this scan.
 
-    ``num_dropped`` becomes 0 and ``file_rows`` None, because points without coordinates of an
-    organised scan are not written, so that a reader drops none. KITTI's and nuScenes' formats have
-    an intensity, which is 0 if the scan has none.
+    PCD keeps the grid of an organised scan. In other formats, which a warning states, and for
+    scans without a grid, ``num_dropped`` becomes 0 and ``file_rows`` None: points without
+    coordinates are not written, so that a reader drops none. KITTI's and nuScenes' formats have an
+    intensity, which is 0 if the scan has none.
 
     Parameters
     ----------
@@ -304,7 +307,17 @@ def as_stored(
     intensity = frame.intensity
     if intensity is None and scan_suffix(target) in _WITH_INTENSITY:
         intensity = np.zeros(frame.num_points, np.float32)
-    return frame.replace(num_dropped=0, file_rows=None, intensity=intensity)
+    stored = frame.replace(intensity=intensity)
+    suffix = scan_suffix(target)
+    if (sides := lost_grid(frame, suffix)) is not None:
+        warnings.warn(
+            f"the cloud's grid of {sides[1]} x {sides[0]} pixels is not kept in {suffix}: write "
+            ".pcd to keep it",
+            stacklevel=caller_level(),
+        )
+    elif grid_of(frame) is not None:
+        return stored
+    return stored.replace(num_dropped=0, file_rows=None)
 
 
 def _is_same_format(one: Path, other: Path) -> bool:

@@ -265,10 +265,9 @@ def _measured(scan: LidarFrame, suffix: str, terminal: Terminal) -> LidarFrame:
 
 def _tell_of_grid(scan: LidarFrame, suffix: str, terminal: Terminal) -> None:
     """Warn if the scan is an organised cloud, and a format does not hold its grid."""
-    from manip3d.io._scan_tables import grid_of
+    from manip3d.io._scan_tables import lost_grid
 
-    sides = None if suffix in (".pcd", ".npy") else grid_of(scan)
-    if sides is not None:
+    if (sides := lost_grid(scan, suffix)) is not None:
         terminal.warn(
             f"the cloud's grid of {sides[1]} x {sides[0]} pixels is not kept in {suffix}: "
             "write .pcd or .npy to keep it"

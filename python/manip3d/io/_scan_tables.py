@@ -45,6 +45,8 @@ _WITH_DOUBLES = (*_UNSTATED, "ply", "pcd", "las", "ptx", "ros")
 _POSED = ("e57", "ptx")
 """Formats that hold the pose of the scanner."""
 _BARE = ("kitti", "nuscenes")
+_WITH_GRID = (".pcd", ".npy")
+"""Suffixes of the formats that hold the grid of an organised cloud."""
 _AT_SCANNER = (*_BARE, "3dtk")
 """Formats whose points are relative to the scanner, without a place for its position."""
 _LARGEST = 1e9
@@ -703,6 +705,17 @@ def kept_grid(frame: LidarFrame, layout: ScanFormat) -> tuple[int, int] | None:
     """
     kinds = {np.dtype(kind).kind for name, kind, _ in layout.columns if plain_name(name) in "xyz"}
     return grid_of(frame) if kinds == {"f"} or frame.num_dropped == 0 else None
+
+
+def lost_grid(frame: LidarFrame, suffix: str) -> tuple[int, int] | None:
+    """Return height and width of a scan's grid if a file of this suffix does not hold it."""
+    layout = frame.format
+    if layout is None:
+        return None
+    # New files have coordinates that can be NaN.
+    is_new = layout.name != format_name(suffix)
+    is_kept = suffix in _WITH_GRID and (is_new or kept_grid(frame, layout) is not None)
+    return None if is_kept else grid_of(frame)
 
 
 def grid_rows(frame: LidarFrame, layout: ScanFormat) -> NDArray[Any]:
