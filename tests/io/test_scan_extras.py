@@ -103,7 +103,8 @@ def test_other_scans_as_las(tmp_path: Path, suffix: str, num_points: int) -> Non
     again = read_scan(tmp_path / f"a.{suffix}")
     np.testing.assert_allclose(again.points, frame.points, atol=6e-5)
     assert again.fields["time"].tolist() == frame.fields["time"].tolist()
-    assert again.fields["ring"].tolist() == frame.ring.tolist()  # type: ignore[union-attr]
+    assert again.ring is not None
+    assert again.ring.tolist() == frame.ring.tolist()  # type: ignore[union-attr]
     if num_points:
         assert again.intensity is not None
         assert again.intensity.tolist() == frame.intensity.tolist()  # type: ignore[union-attr]
@@ -254,6 +255,80 @@ def pose(angle: float, place: tuple[float, float, float]) -> dict[str, Any]:
     matrix[:3, 3] = place
     rotation = np.array([np.cos(angle / 2), 0.0, 0.0, np.sin(angle / 2)])
     return {"pose": matrix, "rotation": rotation}
+
+
+@pytest.mark.parametrize("name", ["ring", "Channel"])
+def test_lasers_of_las_are_rings(tmp_path: Path, name: str) -> None:
+    """They are extra dimensions; scans keep them under their name, and other formats as ring."""
+    header = laspy.LasHeader(point_format=6, version="1.4")
+    header.add_extra_dim(laspy.ExtraBytesParams(name, np.uint16))
+    header.add_extra_dim(laspy.ExtraBytesParams("laser_id", np.float32))
+    las = laspy.LasData(header)
+    las.points = laspy.ScaleAwarePointRecord.zeros(50, header=header)
+    las.x = np.arange(50) / 10
+    las[name] = np.arange(50) % 16
+    las["laser_id"] = np.full(50, 0.5)
+    las.write(str(tmp_path / "a.las"))
+    frame = read_scan(tmp_path / "a.las")
+    assert frame.ring is not None
+    assert frame.ring.tolist() == [i % 16 for i in range(50)]
+    assert name not in frame.fields
+    frame.replace(ring=frame.ring[::-1].copy()).write(tmp_path / "b.laz")
+    back = laspy.read(tmp_path / "b.laz")
+    assert np.array(back[name]).tolist() == [i % 16 for i in range(50)][::-1]
+    assert np.array(back["laser_id"]).tolist() == [0.5] * 50
+    frame.write(tmp_path / "a.ply")
+    assert np.array_equal(read_scan(tmp_path / "a.ply").ring, frame.ring)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("standard", [False, True])
+def test_angles_and_times_of_las_come_back_from_text(tmp_path: Path, standard: bool) -> None:
+    """Text states no types; the angles of LAS 1.4 are counts, and its times of two kinds."""
+    las = laspy.LasData(laspy.LasHeader(point_format=6, version="1.4"))
+    las.points = laspy.ScaleAwarePointRecord.zeros(50, header=las.header)
+    las.x = np.arange(50) / 10
+    las.scan_angle = np.arange(50) * 100 - 2500
+    las.gps_time = np.arange(50) + (4e8 if standard else 604_000.0)
+    kind = laspy.header.GpsTimeType(int(standard))
+    las.header.global_encoding.gps_time_type = kind
+    las.write(str(tmp_path / "a.las"))
+    read_scan(tmp_path / "a.las").write(tmp_path / "a.csv")
+    read_scan(tmp_path / "a.csv").write(tmp_path / "b.las")
+    back = laspy.read(tmp_path / "b.las")
+    assert not list(back.point_format.extra_dimension_names)
+    assert np.array_equal(back.scan_angle, las.scan_angle)
+    assert np.array_equal(back.gps_time, las.gps_time)
+    assert back.header.global_encoding.gps_time_type == kind
+
+
+def test_times_since_1970_are_no_gps_times(tmp_path: Path) -> None:
+    LidarFrame(np.ones((3, 3)), fields={"gps_time": np.full(3, 1.7e9)}).write(tmp_path / "a.las")
+    encoding = laspy.read(tmp_path / "a.las").header.global_encoding
+    assert encoding.gps_time_type == laspy.header.GpsTimeType.WEEK_TIME
+
+
+@pytest.mark.parametrize("kind", [4, 5, 9, 10])
+def test_waveforms_of_laz_have_the_versions_that_laszip_reads(tmp_path: Path, kind: int) -> None:
+    """LASzip refuses version 2 of the waveforms of formats 4 and 5, which lazrs states."""
+    rng = np.random.default_rng(0)
+    las = laspy.LasData(laspy.LasHeader(point_format=kind, version="1.4"))
+    las.points = laspy.ScaleAwarePointRecord.zeros(500, header=las.header)
+    las.x = np.arange(500) / 10
+    las["wavepacket_offset"] = 60 + np.cumsum(rng.integers(80, 240, 500))
+    las["x_t"] = rng.normal(size=500)
+    las.write(str(tmp_path / "a.las"))
+    read_scan(tmp_path / "a.las").write(tmp_path / "a.laz")
+    whole = (tmp_path / "a.laz").read_bytes()
+    begin = laszip_record(whole) + 32
+    (count,) = struct.unpack_from("<H", whole, begin)
+    items = [struct.unpack_from("<HHH", whole, begin + 2 + 6 * i) for i in range(count)]
+    waves = {9: 1, 13: 3}  # version by type of item, as LASzip writes them
+    assert [waves[item] == version for item, _, version in items if item in waves] == [True]
+    backends = laspy.LazBackend.detect_available()  # LASzip's own among them if it is installed
+    for backend in backends:
+        back = laspy.read(tmp_path / "a.laz", laz_backend=backend)
+        assert np.array_equal(back["wavepacket_offset"], las["wavepacket_offset"])
+        assert np.array_equal(back["x_t"], las["x_t"])
 
 
 def positions() -> list[LidarFrame]:

@@ -1,11 +1,14 @@
 """Checks that the counts and sizes in LAS and LAZ files fit the file, made before decoding.
 
+Also a correction of LASzip's record, for files that were written.
+
 The LAZ decoder allocates the memory that a file claims to need. A chunk table of 2^32 - 1 entries,
 or a layer of 4 GiB, would abort the process without an exception.
 """
 
 from __future__ import annotations
 
+import io
 import struct
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,6 +28,8 @@ _LAYERED = 3  # LASzip's compressor for point formats 6 to 10
 # Number of layers of each item type in a layered chunk; extra bytes have one layer per byte.
 _LAYERS = {10: 9, 11: 1, 12: 2, 13: 1}
 _EXTRA_BYTES = 14  # item type of extra bytes
+_WAVE_PACKETS = 9  # item type of the waveforms of point formats 4 and 5
+_ITEMS = 34  # bytes of LASzip's record before its items: type, size and version, 16 bits each
 
 
 @dataclass(frozen=True)
@@ -133,7 +138,8 @@ def _check_extended_records(stream: BinaryIO, header: _Header, size: int) -> Non
 
 
 def _check_compressed(stream: BinaryIO, header: _Header, size: int) -> int:
-    laszip = _laszip_record(stream, header)
+    place, data = _laszip_record(stream, header)
+    laszip = _parse_laszip(data, place, header.row)
     if header.count == 0:
         return 0
     table = _chunk_table_place(stream, header, size)
@@ -160,7 +166,23 @@ def _check_compressed(stream: BinaryIO, header: _Header, size: int) -> int:
     return int(num_chunks)
 
 
-def _laszip_record(stream: BinaryIO, header: _Header) -> _LasZip:
+def correct_wave_packets(stream: BinaryIO) -> None:
+    """Change the version of wave packets in the LASzip record of a file that lazrs has written.
+
+    lazrs states 2, which LASzip does not know and refuses; the compression is that of version 1.
+    """
+    size = stream.seek(0, io.SEEK_END)
+    stream.seek(0)
+    header = _read_header(stream.read(375), size)
+    place, data = _laszip_record(stream, header)
+    for number, (kind, _) in enumerate(_parse_laszip(data, place, header.row).items):
+        if kind == _WAVE_PACKETS:
+            stream.seek(place + _ITEMS + 6 * number + 4)
+            stream.write(struct.pack("<H", 1))
+
+
+def _laszip_record(stream: BinaryIO, header: _Header) -> tuple[int, bytes]:
+    """Return the place of LASzip's record in the file, and its bytes."""
     place = header.size
     for _ in range(header.num_vlrs):
         stream.seek(place)
@@ -171,22 +193,22 @@ def _laszip_record(stream: BinaryIO, header: _Header) -> _LasZip:
         if place + _VLR + length > header.start:
             _fail(place + 20, f"a record of {length} bytes reaches into the points")
         if (user, record) == _LASZIP:
-            return _parse_laszip(stream.read(length), place + _VLR, header.row)
+            return place + _VLR, stream.read(length)
         place += _VLR + length
     _fail(header.size, "compressed points without LASzip's record")
 
 
 def _parse_laszip(data: bytes, place: int, row: int) -> _LasZip:
-    if len(data) < 34:
+    if len(data) < _ITEMS:
         _fail(place, "file ends within LASzip's record")
     (compressor,) = struct.unpack_from("<H", data, 0)
     (chunk_size,) = struct.unpack_from("<I", data, 12)
     (num_items,) = struct.unpack_from("<H", data, 32)
-    if len(data) < 34 + 6 * num_items:
+    if len(data) < _ITEMS + 6 * num_items:
         _fail(place + 32, f"{num_items} items claimed in a record of {len(data)} bytes")
-    items = [struct.unpack_from("<HHH", data, 34 + 6 * i)[:2] for i in range(num_items)]
+    items = [struct.unpack_from("<HHH", data, _ITEMS + 6 * i)[:2] for i in range(num_items)]
     if sum(size for _, size in items) != row:
-        _fail(place + 34, f"items of {sum(size for _, size in items)} bytes in points of {row}")
+        _fail(place + _ITEMS, f"items of {sum(size for _, size in items)} bytes in points of {row}")
     return _LasZip(compressor, chunk_size, tuple((kind, size) for kind, size in items), data)
 
 

@@ -15,7 +15,7 @@ from manip3d._util.callers import caller_level
 from manip3d._util.extras import imported
 from manip3d.errors import FormatError, InputError
 from manip3d.io._files import atomic_path
-from manip3d.io._las_checks import check_las
+from manip3d.io._las_checks import check_las, correct_wave_packets
 from manip3d.io._las_units import stated_unit
 from manip3d.io._scan_tables import (
     exact_coordinates,
@@ -23,6 +23,7 @@ from manip3d.io._scan_tables import (
     map_coordinates,
     measured_points,
     near_zero,
+    ring_name,
 )
 from manip3d.lidar import LidarFrame, ScanFormat
 
@@ -32,6 +33,11 @@ if TYPE_CHECKING:
 
 _RAW = ("X", "Y", "Z")  # whole numbers from which a reader computes x, y, z
 _LONGEST_NAME = 32  # bytes of the name of an extra dimension
+_MAX_DEGREES = 180
+"""Largest scan angle in degrees; larger whole numbers are counts of 0.006 degrees (LAS 1.4)."""
+_WEEK_S, _LAST_GPS_S = 7 * 86400, 1e9
+"""Seconds of a GPS week, and of 2043 in adjusted standard GPS time, whose 0 is in 2011. Larger
+numbers, such as times since 1970, are neither."""
 
 
 def read(path: Path, limit: int) -> LidarFrame:
@@ -66,9 +72,11 @@ def read(path: Path, limit: int) -> LidarFrame:
     layout = ScanFormat("las", header=told, to_file=near_zero(exact))
     points = measured_points(exact, layout, str(path))
     name = "reflectance" if "reflectance" in columns else "intensity"
+    ring = ring_name([n for n, v in columns.items() if v.ndim == 1 and v.dtype.kind in "iu"])
     return LidarFrame(
         points=points,
         intensity=columns.pop(name).astype(np.float32),
+        ring=None if ring is None else columns.pop(ring),
         source=str(path),
         fields=columns,
         exact=exact_coordinates(exact, points),
@@ -86,6 +94,9 @@ def write(frame: LidarFrame, path: Path) -> None:
         if exact is None:
             exact = frame.format.file_coordinates(frame.points)
         columns = dict(frame.fields)
+        if frame.ring is not None:
+            others = [n for n in header.point_format.dimension_names if n not in columns]
+            columns[ring_name(others) or "ring"] = frame.ring
     else:
         of_map = map_coordinates(frame, "las")
         exact = frame.points.astype(np.float64) if of_map is None else of_map
@@ -109,6 +120,8 @@ def write(frame: LidarFrame, path: Path) -> None:
         # Written to memory first, because lazrs does not name the cause if the disk is full.
         memory = io.BytesIO()
         las.write(memory if compressed else disk, do_compress=compressed)
+        if compressed:
+            correct_wave_packets(memory)
         disk.write(memory.getbuffer())
 
 
@@ -130,8 +143,7 @@ def _holds(header: Any, name: str, values: NDArray[Any]) -> bool:
     if dimension.scales is not None or dimension.num_elements > 1:
         return True  # of the scan's own file; laspy converts to counts of the scale
     dtype = dimension.dtype or np.dtype(np.uint8)  # of bit fields, which share a byte
-    # The angles of LAS 1.4 are counts of 0.006 degrees; decimal numbers are degrees.
-    if name == "scan_angle" and values.dtype.kind == "f":
+    if name == "scan_angle" and values.dtype.kind == "f" and not _are_counts(values):
         return False
     if dtype.kind in "iu" and len(values):
         low, high = values.min(), values.max()
@@ -141,6 +153,15 @@ def _holds(header: Any, name: str, values: NDArray[Any]) -> bool:
         return np.array_equal(
             values.astype(dtype).astype(values.dtype), values, equal_nan=values.dtype.kind == "f"
         )
+
+
+def _are_counts(angles: NDArray[Any]) -> bool:
+    """Return whether the numbers of a column can only be counts of 0.006 degrees, as in LAS 1.4.
+
+    Text states no types: all numbers are whole, and some are too large for degrees or all are 0.
+    """
+    is_wide = not angles.any() or np.abs(angles).max() > _MAX_DEGREES
+    return bool(is_wide and (angles == np.rint(angles)).all())
 
 
 def _placed(
@@ -188,9 +209,18 @@ def _free_name(name: str, used: set[str]) -> str:
 
 
 def _new_header(laspy: Any, exact: NDArray[np.float64], columns: dict[str, NDArray[Any]]) -> Any:
-    """Return a header with steps of 0.1 mm."""
+    """Return a header with steps of 0.1 mm, and the kind of GPS time that the values tell."""
     is_colored = all(name in columns for name in ("red", "green", "blue"))
     header = laspy.LasHeader(point_format=7 if is_colored else 6, version="1.4")
     header.scales = np.full(3, 1e-4)
     header.offsets = np.floor(exact.min(axis=0)) if len(exact) else np.zeros(3)
+    if _is_standard_time(columns.get("gps_time", np.empty(0))):
+        header.global_encoding.gps_time_type = laspy.header.GpsTimeType.STANDARD
     return header
+
+
+def _is_standard_time(times: NDArray[Any]) -> bool:
+    """Return whether GPS times are adjusted standard ones, which are no seconds of a week."""
+    if not len(times) or not bool((np.abs(times) <= _LAST_GPS_S).all()):
+        return False
+    return bool(times.min() < 0 or times.max() > _WEEK_S)

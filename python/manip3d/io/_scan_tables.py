@@ -378,6 +378,12 @@ def _ring(by_name: dict[str, NDArray[Any]], kind: str, name: str) -> NDArray[Any
     return ring
 
 
+def ring_name(names: Sequence[str]) -> str | None:
+    """Return the first of the names of columns that is one of the lasers' numbers; None: none."""
+    by_plain = {plain_name(name): name for name in reversed(names)}
+    return next((by_plain[name] for name in _RING if name in by_plain), None)
+
+
 def _columns(table: NDArray[Any], columns: Sequence[Column], file: str) -> dict[str, NDArray[Any]]:
     """Return the columns by name, without padding (PCD's ``_``); of equal names the first counts.
 
