@@ -380,6 +380,23 @@ def test_e57_keeps_positions_poses_rows_and_columns(tmp_path: Path) -> None:
     assert not (tmp_path / "c.e57").exists()
 
 
+def test_rows_and_columns_of_e57_come_back_from_text(tmp_path: Path) -> None:
+    """Names in text are read in lower case."""
+    pytest.importorskip("pye57")
+    (first, *_) = positions()
+    first.write(tmp_path / "a.csv")
+    text = read_scan(tmp_path / "a.csv")
+    assert names_left_out(text, ".e57") == []
+    text.write(tmp_path / "b.e57")
+    again = read_scan(tmp_path / "b.e57")
+    for name, values in first.fields.items():
+        assert np.array_equal(again.fields[name], values), name
+    unknown = text.fields["rowindex"].copy()
+    unknown[0] = np.nan
+    text = text.replace(fields={**text.fields, "rowindex": unknown})
+    assert names_left_out(text, ".e57") == ["rowindex", "columnindex"]
+
+
 def test_points_of_e57_that_were_not_measured_are_dropped(tmp_path: Path) -> None:
     pye57 = pytest.importorskip("pye57")
     file = pye57.E57(str(tmp_path / "a.e57"), mode="w")

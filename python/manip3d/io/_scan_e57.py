@@ -200,16 +200,27 @@ def write_all(frames: Sequence[LidarFrame], path: Path) -> None:
             shutil.copyfileobj(memory, disk, _BLOCK)
 
 
-def integers_of(frame: LidarFrame) -> list[str]:
-    """Return the columns of `INTEGERS` that pye57 writes: those that fit, all three or both."""
+def integers_of(frame: LidarFrame) -> dict[str, str]:
+    """Return the columns of `INTEGERS` that pye57 writes, and their names in the frame.
+
+    They are those that fit, all three colours or rows and columns both. Names from text are in
+    lower case.
+    """
+    by_lower = {name.lower(): name for name in frame.fields}
+    by_lower |= {name.lower(): name for name in INTEGERS if name in frame.fields}
     fitting = {
-        name
+        name: own
         for name, dtype in INTEGERS.items()
-        if name in frame.fields
-        and np.array_equal(frame.fields[name].astype(dtype), frame.fields[name])
+        if (own := by_lower.get(name.lower())) is not None and _fits(frame.fields[own], dtype)
     }
     groups = (COLORS, ("rowIndex", "columnIndex"))
-    return [name for group in groups if fitting.issuperset(group) for name in group]
+    complete = [group for group in groups if fitting.keys() >= set(group)]
+    return {name: fitting[name] for group in complete for name in group}
+
+
+def _fits(values: NDArray[Any], dtype: type[np.unsignedinteger[Any]]) -> bool:
+    with np.errstate(invalid="ignore"):
+        return np.array_equal(values.astype(dtype), values)
 
 
 def _write_one(file: Any, frame: LidarFrame) -> None:
@@ -218,7 +229,8 @@ def _write_one(file: Any, frame: LidarFrame) -> None:
     data: dict[str, NDArray[Any]] = {name: seen[:, i] for i, name in enumerate(_CARTESIAN)}
     if frame.intensity is not None:
         data["intensity"] = frame.intensity
-    data |= {name: frame.fields[name].astype(INTEGERS[name]) for name in integers_of(frame)}
+    columns = integers_of(frame)
+    data |= {name: frame.fields[own].astype(INTEGERS[name]) for name, own in columns.items()}
     header = {} if frame.format is None else frame.format.header
     given = header.get("pose")  # of E57 and PTX; None for a .3d file without its .pose file
     pose = np.eye(4) if given is None else np.asarray(given)

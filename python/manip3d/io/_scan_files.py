@@ -292,7 +292,7 @@ def names_left_out(frame: LidarFrame, suffix: str) -> list[str]:
     elif name == "e57":
         from manip3d.io import _scan_e57
 
-        held = {"intensity", *_scan_e57.integers_of(frame)}
+        held = {"intensity", *_scan_e57.integers_of(frame).values()}
     elif name == "ptx":
         held = {"intensity", *color_names(frame, name)}
     else:
