@@ -289,14 +289,26 @@ def _add_joint(people: dict[tuple[int, int], tuple[Floats, Floats]], row: list[s
     if joint not in range(len(JOINTS)) or state not in (NOT_TRACKED, INFERRED, TRACKED):
         raise ValueError(f"expected a joint 0 to {len(JOINTS) - 1} and a state 0 to 2")
     place = [float_or_nan(text) for text in row[3:6]]
-    if state != NOT_TRACKED and not all(abs(value) <= _FARTHEST_M for value in place):
-        raise ValueError(f"expected x, y, z within {_FARTHEST_M:g} m of the camera")
+    if state != NOT_TRACKED:
+        _check_place(place, row[3:6])
     nobody = np.zeros((len(JOINTS), 3)), np.full(len(JOINTS), np.nan)
     places, states = people.setdefault((frame, person), nobody)
     if not math.isnan(states[joint]):
         raise ValueError(f"expected joint {joint} of frame {frame} once, got it again")
     places[joint], states[joint] = place, state
     return frame
+
+
+def _check_place(place: list[float], texts: list[str]) -> None:
+    """Raise ValueError unless the coordinates of a joint that was seen are numbers and near."""
+    for axis, value, text in zip("xyz", place, texts, strict=True):
+        if math.isnan(value):
+            raise ValueError(
+                f"expected a number as {axis}, got {text!r:.40}: write state {NOT_TRACKED} for a "
+                "joint that was not seen"
+            )
+    if not all(abs(value) <= _FARTHEST_M for value in place):
+        raise ValueError(f"expected x, y, z within {_FARTHEST_M:g} m of the camera")
 
 
 def _whole(text: str) -> int | None:
