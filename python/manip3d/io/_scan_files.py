@@ -246,6 +246,8 @@ def write_scan(frame: LidarFrame, path: str | os.PathLike[str]) -> None:
     - PTX holds colours. ``.pts`` has colours in its last columns, ``.xyzrgb`` only colours and
       ``.xyzn`` only normals. ``.xyz``, ``.xyzi``, ``.asc`` and ``.txt`` hold only the intensity.
     - ``.npz`` is a point cloud that Open3D reads.
+    - PCD holds the scanner's position, and E57 and PTX do in the pose: their points are relative to
+      the scanner. KITTI, nuScenes and 3DTK files say that it is the origin; others do not state it.
 
     Colours and normals get the column names of the format. Colours have 8 bits, packed in one
     number in PCD; LAS has 16 bits.
