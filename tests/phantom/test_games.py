@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 import capsule_body
 from manip3d import InputError
 from manip3d.modify import ColliderTracker
-from manip3d.phantom._play import _ends_of
+from manip3d.phantom._ends import ends_of
 from manip3d.phantom.games import (
     GAMES,
     ArmField,
@@ -233,7 +233,7 @@ def test_without_hands_and_feet_the_end_of_the_forearm_or_shank_touches(
     assert state is not None
     colliders = ColliderTracker()
     for _ in range(2):
-        colliders.update(_ends_of(seen, state))
+        colliders.update(ends_of(seen, state.game.limbs))
     ends = seen.positions[list(touching)]
     inner = seen.positions[[joint - 1 for joint in touching]]
     radii = np.full(2, 0.03, np.float32)

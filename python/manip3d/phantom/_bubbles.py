@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
+from manip3d._util.linear import product
+from manip3d.phantom._ends import points_of_ends
 from manip3d.phantom._state import (
+    END_SHARE,
     SIDES,
     ArmField,
     Event,
+    Game,
     GameState,
     LegField,
     Point,
@@ -24,7 +29,13 @@ from manip3d.phantom._state import (
 from manip3d.rgbd import Skeleton
 
 _UP = np.array([0.0, -1.0, 0.0])
-_WITH_END = 1.2  # metres from the wrist or ankle to the end of the hand or foot
+_WITH_END = 1.2  # length to the end of the hand or foot as a share of that to wrist or ankle
+# Radius of a bubble as a share of arm or shank: arms from 0.5 m and shanks from 0.39 m on burst
+# bubbles of the full size.
+_RADII = {"arms": 0.18, "legs": 0.23}
+# Metres between bubbles and hands or feet at rest: about seven standard deviations of the noise of
+# a Kinect V2.
+_MARGIN_M = 0.04
 
 
 def play_bubbles(
@@ -88,7 +99,90 @@ def _spawned(state: GameState) -> GameState:
     return replace(state, targets=tuple(targets), spawned=spawned)
 
 
-def arm_field(skeleton: Skeleton, reaches: tuple[float, ...]) -> ArmField | None:
+@dataclass(frozen=True)
+class _Layout:
+    """Body and directions of a field: the lines lie outwards of the shoulders, or before the knees.
+
+    Attributes
+    ----------
+    roots : (2, 3)
+        Left and right shoulder or knee.
+    ways : (2, 3)
+        Level unit vectors from the left and from the right root towards the lines.
+    limb : float, metres
+        Length of the longer arm or shank.
+    bottom : float, metres
+        The y coordinate of the generators.
+    rise : float, metres
+        Height of the ceiling above the generators.
+    """
+
+    roots: NDArray[np.float64]
+    ways: NDArray[np.float64]
+    limb: float
+    bottom: float
+    rise: float
+
+
+def bubble_field(
+    skeleton: Skeleton, game: Game, difficulty: int, rest: Skeleton | None
+) -> ArmField | None:
+    """Lay out the lines of the bubbles, out of the way of hands or feet that rest.
+
+    None: a joint is not tracked, or lines beyond the resting hands or feet are out of reach.
+    """
+    layout = (_arm_layout if game.limbs == "arms" else _leg_layout)(skeleton)
+    if layout is None or not layout.limb > 1e-6:
+        return None
+    radius = min(game.radius, _RADII[game.limbs] * layout.limb)
+    clearance = radius + END_SHARE * radius + _MARGIN_M
+    taken = [] if rest is None else _taken(layout, points_of_ends(rest, game.limbs), clearance)
+    distances = [_free(share * layout.limb, taken) for share in game.reaches[difficulty - 1]]
+    reach = _WITH_END * layout.limb
+    if max(distances) > reach:
+        return None
+    starts = layout.roots.copy()
+    starts[:, 1] = layout.bottom
+    lefts, rights = (
+        tuple(point(start + distance * way) for distance in distances)
+        for start, way in zip(starts, layout.ways, strict=True)
+    )
+    roots = point(layout.roots[0]), point(layout.roots[1])
+    kind = ArmField if game.limbs == "arms" else LegField
+    return kind(lefts, rights, layout.rise, roots, reach, radius)
+
+
+def _taken(
+    layout: _Layout, at_rest: NDArray[np.float64], clearance: float
+) -> list[tuple[float, float]]:
+    """Return, in order, the intervals of distances from the roots at which lines would be touched.
+
+    They are those of both sides, because the lines of a pair are equally far from their roots.
+    """
+    middle = layout.bottom - 0.5 * layout.rise
+    beyond = np.maximum(abs(at_rest[:, 1] - middle) - 0.5 * layout.rise, 0.0)  # the line's ends
+    found = list[tuple[float, float]]()
+    for root, way in zip(layout.roots, layout.ways, strict=True):
+        off = (at_rest - root) * (1.0, 0.0, 1.0)
+        along = product(off, way)
+        aside2 = (off * off).sum(axis=1) - along * along
+        half2 = clearance * clearance - beyond * beyond - aside2
+        touched = half2 > 0.0
+        half = np.sqrt(half2[touched])
+        lows, highs = along[touched] - half, along[touched] + half
+        found += zip(lows.tolist(), highs.tolist(), strict=True)
+    return sorted(found)
+
+
+def _free(distance: float, taken: list[tuple[float, float]]) -> float:
+    """Return the smallest distance from a given one on that lies in no interval."""
+    for low, high in taken:
+        if low < distance < high:
+            distance = high
+    return distance
+
+
+def _arm_layout(skeleton: Skeleton) -> _Layout | None:
     """Lay out the field for arms, to both sides of the shoulders, from the hips upwards."""
     shoulders = joints(skeleton, "ShoulderLeft", "ShoulderRight")
     base = joints(skeleton, "SpineBase")
@@ -102,18 +196,18 @@ def arm_field(skeleton: Skeleton, reaches: tuple[float, ...]) -> ArmField | None
     lateral = level(shoulders[0] - shoulders[1])
     if lateral is None:
         return None
-    longest = max(arms)
-    bottom = float(base[0][1])
-    sides = []
-    for shoulder, sign in zip(shoulders, (1.0, -1.0), strict=True):
-        start = np.array([shoulder[0], bottom, shoulder[2]])
-        sides.append(tuple(point(start + sign * r * longest * lateral) for r in reaches))
-    top = min(float(s[1]) for s in shoulders) - 0.6 * longest
-    roots = point(shoulders[0]), point(shoulders[1])
-    return ArmField(sides[0], sides[1], max(bottom - top, 0.1), roots, _WITH_END * longest)
+    longest, bottom = max(arms), float(base[0][1])
+    top = min(float(shoulder[1]) for shoulder in shoulders) - 0.6 * longest
+    return _Layout(
+        roots=np.stack(shoulders),
+        ways=np.stack([lateral, -lateral]),
+        limb=longest,
+        bottom=bottom,
+        rise=max(bottom - top, 0.1),
+    )
 
 
-def leg_field(skeleton: Skeleton, reaches: tuple[float, ...]) -> ArmField | None:
+def _leg_layout(skeleton: Skeleton) -> _Layout | None:
     """Lay out the field for legs: before the knees, in the direction in which the hips face."""
     hips = joints(skeleton, "HipLeft", "HipRight")
     knees = joints(skeleton, "KneeLeft", "KneeRight")
@@ -124,12 +218,12 @@ def leg_field(skeleton: Skeleton, reaches: tuple[float, ...]) -> ArmField | None
     if lateral is None:
         return None
     ahead = np.array([lateral[2], 0.0, -lateral[0]])  # -z for a person who faces the camera
-    shank = max(norm(ankle - knee) for ankle, knee in zip(ankles, knees, strict=True))
     bottom = max(float(ankle[1]) for ankle in ankles)
-    sides = []
-    for knee in knees:
-        start = np.array([knee[0], bottom, knee[2]])
-        sides.append(tuple(point(start + r * shank * ahead) for r in reaches))
     top = min(float(knee[1]) for knee in knees)
-    roots = point(knees[0]), point(knees[1])
-    return LegField(sides[0], sides[1], max(bottom - top, 0.1), roots, _WITH_END * shank)
+    return _Layout(
+        roots=np.stack(knees),
+        ways=np.stack([ahead, ahead]),
+        limb=max(norm(ankle - knee) for ankle, knee in zip(ankles, knees, strict=True)),
+        bottom=bottom,
+        rise=max(bottom - top, 0.1),
+    )

@@ -12,6 +12,7 @@ import numpy as np
 from manip3d.modify import ColliderTracker, PhantomState
 from manip3d.phantom._anomalies import AnomalyWatch
 from manip3d.phantom._clips import ClipRing
+from manip3d.phantom._ends import Rest, ends_of
 from manip3d.phantom._pedal import advise_pedal
 from manip3d.phantom._piano import on_floor
 from manip3d.phantom._recorder import GameSummary, Pictures, Recorder
@@ -28,7 +29,7 @@ from manip3d.phantom.games import (
     keys_of,
     step,
 )
-from manip3d.rgbd import JOINTS, NOT_TRACKED, TRACKED, Skeleton
+from manip3d.rgbd import JOINTS, TRACKED, Skeleton
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -52,15 +53,9 @@ _TOO_SLOW = (
     "check the camera."
 )
 
-_LIMB_ENDS = {
-    limbs: tuple(
-        (JOINTS.index(f"{a}{side}"), JOINTS.index(f"{b}{side}"), JOINTS.index(f"{c}{side}"))
-        for side in ("Left", "Right")
-    )
-    for limbs, (a, b, c) in (
-        ("arms", ("Elbow", "Wrist", "Hand")),
-        ("legs", ("Knee", "Ankle", "Foot")),
-    )
+_REST = {
+    "arms": "Let your arms hang close to the body, so that the bubbles can rise beside them.",
+    "legs": "Put your feet under your knees, so that the bubbles can rise before them.",
 }
 
 
@@ -106,6 +101,7 @@ class Play:
         ]()  # numbers of frames of the game in which the limb was and was not tracked
         self._paused_s = self._told_s = 0.0
         self._ends = ColliderTracker()  # colliders of hands or feet alone
+        self._rest = Rest()
         self._heights: deque[tuple[int, float]] = deque()  # times and y of tracked feet
         self._events: deque[tuple[int, list[Any]]] = (
             deque()
@@ -141,6 +137,7 @@ class Play:
         """Note that places before the next frame are unknown, as are those in other axes."""
         self._interrupt()
         self._heights.clear()
+        self._rest.forget()
 
     def drop_films(self) -> None:
         """Drop the buffered pictures, and take no more."""
@@ -162,6 +159,7 @@ class Play:
                 self._paused_s += seconds
             return False
         self._note_feet(shown.skeleton, now)
+        self._rest.add(shown.skeleton, now)
         begins = self.is_wanted
         if begins:
             self._begin(shown.skeleton, measured)
@@ -173,7 +171,7 @@ class Play:
         is_late = seconds > LONGEST_STEP_S and not begins
         if is_late:
             self._interrupt()
-        self._ends.update(_ends_of(shown.skeleton, self.game))
+        self._ends.update(ends_of(shown.skeleton, self.game.game.limbs))
         if is_late:
             self._paused_s += seconds
             self.advice = _TOO_SLOW
@@ -234,13 +232,17 @@ class Play:
     def _begin(self, body: Skeleton, measured: Skeleton | None) -> None:
         """Begin a game once the person faces the camera."""
         name, difficulty = self.choice
+        rest = self._rest.skeleton(GAMES[name].limbs)
         if measured is not None:
             body = moved_to(measured, body)
+            rest = body if rest is None else rest
         seed = self._seed + len(self.summaries)
         floor = self._floor() if GAMES[name].rules == "piano" else None
-        self.game = begin(name, body, difficulty=difficulty, seed=seed, floor=floor)
+        self.game = begin(name, body, difficulty=difficulty, seed=seed, floor=floor, rest=rest)
         if self.game is None:
             return
+        if isinstance(self.game.field, ArmField):
+            self._ends = _colliders(self.game.field.end_radius)
         self.is_wanted, self._paused_s, self._told_s = False, 0.0, 0.0
         self._seen.clear()
         self._watch = AnomalyWatch()
@@ -327,11 +329,19 @@ class Play:
         return [told for _, told in self._events]
 
 
+def _colliders(radius: float) -> ColliderTracker:
+    """Return colliders of a radius, metres, as long as no points are measured."""
+    return ColliderTracker(min_radius=min(radius, 0.03), first_radius=radius)
+
+
 def _cannot_begin(name: str, skeleton: Skeleton) -> str:
-    """Return a sentence on the joints that a game lacks, and on games that can be played."""
+    """Return a sentence on the joints that a game lacks, and on games that can be played.
+
+    If it lacks none, hands or feet are in the way of the bubbles.
+    """
     missing = missing_joints(GAMES[name], skeleton)
     if not missing:
-        return ""
+        return _REST[GAMES[name].limbs] if GAMES[name].rules == "bubbles" else ""
     told = f"{GAMES[name].title} needs joints that the tracker does not see: {', '.join(missing)}."
     others = [
         game.title
@@ -360,20 +370,3 @@ def _field_status(game: GameState) -> dict[str, Any]:
                 "strokes": [foot.moves / 2 for foot in game.feet], "needed": strokes}  # fmt: skip
     assert isinstance(field, ArmField)
     return {"ceiling": field.lefts[0][1] - field.rise}
-
-
-def _ends_of(skeleton: Skeleton, game: GameState) -> Skeleton:
-    """Return the skeleton with the joints of hands or feet only.
-
-    Trackers with the joints of COCO see neither hands nor feet: the third of the forearm or shank
-    next to the wrist or ankle touches in their place.
-    """
-    kept = [*bones_of(game.game.limbs, "left"), *bones_of(game.game.limbs, "right")]
-    states = np.full(25, NOT_TRACKED, np.uint8)
-    states[kept] = skeleton.states[kept]
-    positions = skeleton.positions.copy()
-    for inner, last, end in _LIMB_ENDS[game.game.limbs]:
-        if states[last] != NOT_TRACKED and skeleton.states[end] == NOT_TRACKED:
-            states[inner] = skeleton.states[inner]
-            positions[inner] = (positions[inner] + 2.0 * positions[last]) / 3.0
-    return Skeleton(positions, skeleton.orientations, states, skeleton.id, skeleton.body)

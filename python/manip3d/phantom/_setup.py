@@ -38,7 +38,7 @@ STILL_S = 2.0
 that lie farther apart begin it anew."""
 
 STILL_M = 0.03
-"""Largest median movement of the joints during calibration, metres; above a tracker's noise."""
+"""Largest median movement of joints that are held still, metres; above a tracker's noise."""
 
 _PARTS = (
     ("head", ("Head",)),

@@ -26,6 +26,9 @@ Touch = Callable[[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]
 targets' centres in the previous and in the current frame, (N, 3), and radii, (N,); metres in level
 axes."""
 
+END_SHARE = 5 / 9
+"""Radius of a hand or foot as a share of that of a bubble: 0.05 m for bubbles of 0.09 m."""
+
 _LONGEST_GAP_S = 0.3  # seconds for which a foot may be unseen within a movement
 
 _HANDS = ("Wrist", "Hand", "HandTip", "Thumb")
@@ -60,7 +63,8 @@ class Game:
         Smallest movement of a foot that counts: degrees at the ankle for the pedals, more where the
         tracker is noisy; metres above the floor for the piano.
     radius : float, metres
-        Radius of a target; of the piano, the largest radius of a key (`PianoField.radius`).
+        Largest radius of a target; those of a child are smaller (`ArmField.radius`,
+        `PianoField.radius`).
     seconds : float
         Time limit.
     most_misses : int
@@ -145,6 +149,9 @@ class ArmField:
         The left and the right shoulder, or knee.
     reach : float, metres
         Largest distance from a root that its limb can touch.
+    radius : float, metres
+        Radius of a bubble: `Game.radius`, and less for an arm shorter than 0.5 m or a shank shorter
+        than 0.39 m, because the lines are closer to the hands or feet at rest.
     """
 
     lefts: tuple[Point, ...]
@@ -152,6 +159,12 @@ class ArmField:
     rise: float
     roots: tuple[Point, Point]
     reach: float
+    radius: float
+
+    @property
+    def end_radius(self) -> float:
+        """Radius of the hands or feet that burst the bubbles, metres."""
+        return END_SHARE * self.radius
 
 
 @dataclass(frozen=True)
@@ -313,7 +326,7 @@ class GameState:
     @property
     def radius(self) -> float:
         """Radius of a target, metres."""
-        return self.field.radius if isinstance(self.field, PianoField) else self.game.radius
+        return self.game.radius if isinstance(self.field, PedalField) else self.field.radius
 
 
 def forget_feet(state: GameState) -> GameState:

@@ -13,7 +13,7 @@ from dataclasses import replace
 
 from manip3d._util.checked import checked
 from manip3d.errors import InputError
-from manip3d.phantom._bubbles import arm_field, can_reach_bubble, leg_field, play_bubbles
+from manip3d.phantom._bubbles import bubble_field, can_reach_bubble, play_bubbles
 from manip3d.phantom._pedal import ankle_angle, pedal_field, play_pedal
 from manip3d.phantom._piano import keys_of, piano_field, play_piano
 from manip3d.phantom._state import (
@@ -118,6 +118,7 @@ def begin(
     difficulty: int = 1,
     seed: int = 0,
     floor: float | None = None,
+    rest: Skeleton | None = None,
 ) -> GameState | None:
     """Lay out a game around a player who is ready.
 
@@ -134,12 +135,16 @@ def begin(
     floor : float, optional
         For the piano, the y coordinate of a foot that stands on the floor; default: that of the
         lower foot.
+    rest : Skeleton, optional
+        For bubbles, the player with hands or feet at rest, past which they rise without a touch;
+        default: the player does not rest, and the bubbles are where the game has them.
 
     Returns
     -------
     GameState or None
         None: a joint that the layout depends on is not tracked. Those of `Game.joints` are needed
         in any case; trackers with the joints of COCO have no feet, which pedals and piano need.
+        Or hands or feet rest so far from the body that bubbles beyond them would be out of reach.
 
     Raises
     ------
@@ -161,8 +166,7 @@ def begin(
     elif game.rules == "piano":
         field = piano_field(skeleton, game, difficulty, floor)
     else:
-        lay_out = arm_field if game.limbs == "arms" else leg_field
-        field = lay_out(skeleton, game.reaches[difficulty - 1])
+        field = bubble_field(skeleton, game, difficulty, rest)
     return None if field is None else GameState(game, difficulty, seed, field)
 
 
