@@ -321,3 +321,25 @@ def test_films_of_difficulties(diary: Diary, tmp_path: Path) -> None:
         film(replace(clip, pictures=((0.0, b"\xff\xd8 and no more"),)))
     with pytest.raises(InputError, match="expected pictures"):
         film(replace(clip, pictures=()))
+
+
+def test_a_session_does_not_end_before_it_started(diary: Diary, tmp_path: Path) -> None:
+    """The computer's clock was set back by an hour in the middle of a session."""
+    session = diary.start_session("P02", at=START + timedelta(days=1))
+    diary.end_session(session, at=START + timedelta(hours=23))
+    found = diary.sessions("P02")
+    assert [one.clock_went_back for one in found] == [False, True]
+    assert found[-1].ended == found[-1].started == START + timedelta(days=1)
+    resources = [entry["resource"] for entry in fhir_bundle(diary, "P02")["entry"]]
+    ended = [one for one in resources if "end" in one.get("effectivePeriod", {})]
+    assert [one["note"] for one in ended] == [
+        [{"text": "The clock was set back during the session: its duration is unknown."}]
+    ]
+    period = ended[0]["effectivePeriod"]
+    assert datetime.fromisoformat(period["start"]) <= datetime.fromisoformat(period["end"])
+    export_csv(diary, tmp_path / "tables")
+    told = [
+        (row["ended"] != "", row["clock_went_back"])
+        for row in rows(tmp_path / "tables", "sessions")
+    ]
+    assert told == [(False, "False"), (False, "False"), (False, "False"), (True, "True")]

@@ -199,7 +199,8 @@ class Diary(DiaryReading):
         session : int
             Number returned by `start_session`.
         at : datetime, optional
-            Time of the end; default: now.
+            Time of the end; default: now. `DiarySession.clock_went_back` tells if it lies before
+            the start.
         answered : bool
             False: the patient was asked for a last rating of the pain and gave none.
 

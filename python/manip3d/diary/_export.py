@@ -17,6 +17,7 @@ from manip3d._util.paths import path_of
 from manip3d._util.texts import legible
 from manip3d.diary._diary import Diary
 from manip3d.diary._records import (
+    CLOCK_WENT_BACK,
     NOT_ANSWERED,
     AdverseEvent,
     Answers,
@@ -176,7 +177,8 @@ def _participant_rows(entries: _Entries) -> _Rows:
 def _session_rows(entries: _Entries) -> _Rows:
     for count, session in enumerate(entries.sessions, 1):
         pain = session.pain_before, session.pain_after
-        yield count, session.started, session.ended, len(session.games), *pain, session.answered
+        about = session.answered, session.clock_went_back
+        yield count, session.started, session.ended, len(session.games), *pain, *about
 
 
 def _games(entries: _Entries) -> Iterator[tuple[int, int, DiaryGame]]:
@@ -235,8 +237,8 @@ def _answer_rows(entries: _Entries) -> _Rows:
 
 _TABLES: Mapping[str, tuple[Sequence[str], Callable[[_Entries], _Rows]]] = {
     "participants": (("limb", "enrolled", "clips"), _participant_rows),
-    "sessions": (("session", "started", "ended", "games", "pain_before", "pain_after", "answered"),
-                 _session_rows),
+    "sessions": (("session", "started", "ended", "games", "pain_before", "pain_after", "answered",
+                  "clock_went_back"), _session_rows),
     "games": (("session", "number", "at", *_GAME_COLUMNS), _game_rows),
     "anomalies": (("session", "game", "start_s", "end_s"), _anomaly_rows),
     "ratings": (("at", "when", "pain"), _rating_rows),
@@ -577,8 +579,9 @@ def _session(
         period["end"] = session.ended.isoformat()
     found["effectivePeriod"] = period
     found["valueInteger"] = len(session.games)  # number of games
-    if not session.answered:
-        found["note"] = [{"text": NOT_ANSWERED}]
+    facts = (not session.answered, NOT_ANSWERED), (session.clock_went_back, CLOCK_WENT_BACK)
+    if notes := [{"text": text} for is_so, text in facts if is_so]:
+        found["note"] = notes
     if members:
         found["hasMember"] = members
     return found

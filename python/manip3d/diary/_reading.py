@@ -437,18 +437,23 @@ def sessions_of(rows: Rows, participant: Enrolled) -> list[DiarySession]:
         games[row["session"]].append(_game(fields, sorted(times[row["id"]]), row["id"]))
     for row, fields in rows.read(schema.RATINGS, participant):
         ratings[row["session"]].append(_rating(fields, row["id"]))
-    return [
-        DiarySession(
-            row["id"],
-            datetime.fromisoformat(about["started"]),
-            datetime.fromisoformat(about["ended"]) if about["ended"] else None,
-            tuple(sorted(games[row["id"]], key=lambda game: game.at)),
-            tuple(sorted(ratings[row["id"]], key=lambda rating: rating.at)),
-            datetime.fromisoformat(about["begun"]) if about.get("begun") else None,
-            bool(about.get("answered", True)),
+    found = []
+    for row, about in rows.read(schema.SESSIONS, participant):
+        started = datetime.fromisoformat(about["started"])
+        ended = datetime.fromisoformat(about["ended"]) if about["ended"] else None
+        found.append(
+            DiarySession(
+                row["id"],
+                started,
+                None if ended is None else max(started, ended),
+                tuple(sorted(games[row["id"]], key=lambda game: game.at)),
+                tuple(sorted(ratings[row["id"]], key=lambda rating: rating.at)),
+                datetime.fromisoformat(about["begun"]) if about.get("begun") else None,
+                bool(about.get("answered", True)),
+                clock_went_back=ended is not None and ended < started,
+            )
         )
-        for row, about in rows.read(schema.SESSIONS, participant)
-    ]
+    return found
 
 
 def _participant(enrolled: Enrolled) -> Participant:

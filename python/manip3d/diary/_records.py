@@ -182,6 +182,9 @@ class ExportedFile:
 NOT_ANSWERED = "The rating of the pain at the end was not answered."
 """Text of exports for a session that ended without a last rating."""
 
+CLOCK_WENT_BACK = "The clock was set back during the session: its duration is unknown."
+"""Text of exports for a session whose end lay before its start by the computer's clock."""
+
 FILM_IN_PAGE = b"data:image/webp;base64,"
 """First bytes of a film within a page."""
 
@@ -239,13 +242,17 @@ class DiarySession:
     started : datetime
         Time of the start.
     ended : datetime or None
-        Time of the end; None: the session is running, or the program was killed.
+        Time of the end, not before the start; None: the session is running, or the program was
+        killed.
     games : tuple of DiaryGame
     ratings : tuple of Rating
     begun : datetime or None
         Start of the first game or touch cue; None: none has started.
     answered : bool
         False: the patient was asked for a last rating of the pain and gave none.
+    clock_went_back : bool
+        Whether the end lay before the start, because the computer's clock was set back: `ended` is
+        then the time of the start, and the duration is unknown.
     """
 
     number: int
@@ -255,6 +262,7 @@ class DiarySession:
     ratings: tuple[Rating, ...]
     begun: datetime | None = None
     answered: bool = True
+    clock_went_back: bool = False
 
     __repr__ = short_repr
 
