@@ -671,8 +671,24 @@ def test_reproduce_lists_what_is_missing(tmp_path: Path) -> None:
     assert "simulated" in listed
     lines = {line.split()[0]: line.rstrip() for line in listed.splitlines()}
     assert lines["figure-7.7"].endswith("none needed")
-    assert "lidar/kitti_object/velodyne" in by_id["detector-3"]["missing"]
-    assert "lidar/kitti_object" in by_id["table-7.2-cross-modal"]["missing"]
+    assert "kitti_object" in by_id["detector-3"]["missing"]
+    assert "kitti_object" in by_id["table-7.2-cross-modal"]["missing"]
+    sets = json.loads(manip3d("data", "list", "--json", **here).stdout)
+    absent = {each["name"] for each in sets if not each["here"]}
+    assert {name for record in records for name in record["missing"]} <= absent
+
+
+def test_quiet_reproduction_prints_the_verdicts_and_their_data_alone(tmp_path: Path) -> None:
+    """With -q it still told how to make a page of the results."""
+    order = ("reproduce", "table-6.1", "--scale", "quick", "--data", "simulated")
+    done = manip3d(*order, "-o", tmp_path, "-q")
+    assert "manip3d report" not in done.stdout + done.stderr
+    assert "data" in done.stdout.split()
+    assert "makes one page of it" in manip3d(*order, "-o", tmp_path).stderr
+    (first, *_) = json.loads(manip3d(*order, "-o", tmp_path, "--json").stdout)["verdicts"][
+        "table-6.1"
+    ]
+    assert set(first) == {"claim", "verdict", "data"}
 
 
 def test_strict_does_not_take_undecided_for_refuted(tmp_path: Path) -> None:

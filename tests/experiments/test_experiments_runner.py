@@ -316,6 +316,46 @@ def test_a_stand_in_cannot_refute_what_was_said_of_another_file(
     assert claim.verdict(rows[1:]).word == "holds"
 
 
+@pytest.mark.parametrize(
+    ("source", "data", "word"),
+    [
+        ("table 1", ["published"], "holds"),
+        ("table 1", ["published", "simulated"], "holds"),
+        ("table 1", ["simulated"], "holds on simulated data"),
+        ("table 1", ["stand-in"], "holds on stand-ins"),
+        ("table 1", ["simulated", "recorded"], "holds on recorded data and simulated data"),
+        ("aim", ["simulated"], "holds"),
+    ],
+)
+def test_a_published_claim_says_on_which_other_data_it_holds(
+    source: str, data: list[str], word: str
+) -> None:
+    claim = dataclasses.replace(all_below(9), source=source)
+    rows = [{"model": kind, "data": kind, "square": 4, "error": ""} for kind in data]
+    assert claim.verdict(rows).word == word
+    assert claim.verdict(rows).holds is True
+
+
+def test_what_could_not_be_judged_does_not_hold() -> None:
+    def found(*holds: bool | None, data: str = "published") -> tuple[Finding, ...]:
+        return tuple(
+            Finding("", each, "", data, unjudged="too few" if each is None else "")
+            for each in holds
+        )
+
+    def verdict(*findings: Finding) -> Verdict:
+        return Verdict("claim", "table 1", findings)
+
+    assert verdict(*found(True, None)).word == "undecided"
+    assert verdict(*found(True, None)).holds is None
+    assert verdict(*found(False, None)).word == "does not hold"
+    assert verdict(*found(None)).word == "not applicable"
+    # Another kind of data that cannot judge takes nothing away from the published files.
+    assert verdict(*found(True), *found(None, data="simulated")).word == "holds"
+    some = verdict(*found(None), *found(True, data="simulated"))
+    assert (some.word, some.judged_on) == ("holds on simulated data", ("simulated",))
+
+
 def test_a_claim_is_not_judged_for_failures_of_others() -> None:
     claim = all_below(10)
     mine = dataclasses.replace(claim, about=lambda row: row["kind"] == "a")

@@ -80,6 +80,8 @@ def reproduce(
     plan = {"data": data.value, "scale": scale.value, "seed": seed}
     summary = run_experiments(ids or [], output, plan, shell, jobs=jobs, dask=dask, force=force)
     shell.result(digest(summary), lambda console: show(console, summary))
+    if not as_json:
+        shell.say(f"'manip3d report {summary.folder}' makes one page of it.")
     if summary.failed or summary.problems:
         raise typer.Exit(1)
     if strict and some_claim_fails(summary):
@@ -95,22 +97,11 @@ def listing(ids: list[str]) -> list[dict[str, Any]]:
         {
             "id": experiment.id,
             "title": experiment.title,
-            "data": [*experiment.data, *experiment.folders],
-            "missing": [
-                *(n for n in experiment.data if not datasets.is_here(datasets.get(n))),
-                *(place for place in experiment.folders if not _is_below_root(place)),
-            ],
+            "data": list(experiment.data),
+            "missing": [n for n in experiment.data if not datasets.is_here(datasets.get(n))],
         }
         for experiment in select(ids)
     ]
-
-
-def _is_below_root(place: str) -> bool:
-    """Return whether a folder or file is below the data root."""
-    from manip3d import datasets
-
-    root = datasets.data_root()
-    return root is not None and (root / place).exists()
 
 
 def show_listing(console: Console, records: list[dict[str, Any]]) -> None:
@@ -202,22 +193,24 @@ def digest(summary: RunSummary) -> dict[str, Any]:
         "dropped": summary.dropped,
         "seconds": round(summary.seconds, 3),
         "verdicts": {
-            name: [{"claim": v["claim"], "verdict": v["word"]} for v in record["verdicts"]]
+            name: [
+                {"claim": v["claim"], "verdict": v["word"], "data": v["judged_on"]}
+                for v in record["verdicts"]
+            ]
             for name, record in summary.results["experiments"].items()
         },
     }
 
 
 def show(console: Console, summary: RunSummary) -> None:
-    """Print every claim with its verdict."""
+    """Print every claim with its verdict and the kinds of data on which it was judged."""
     rows = [
-        (name, verdict["word"], verdict["claim"])
+        (name, verdict["word"], ", ".join(verdict["judged_on"]), verdict["claim"])
         for name, record in summary.results["experiments"].items()
         for verdict in record["verdicts"]
     ]
     if rows:
-        table(console, rows, ("experiment", "verdict", "claim"))
-    console.print(f"\n'manip3d report {summary.folder}' makes one page of it.")
+        table(console, rows, ("experiment", "verdict", "data", "claim"))
 
 
 def some_claim_fails(summary: RunSummary) -> bool:

@@ -169,7 +169,8 @@ def provenance(name: str) -> dict[str, Any]:
     -------
     dict
         ``name``, ``title``, ``origin``, ``page``, ``licence`` and ``files``. ``files`` has the
-        SHA-256 of each file, and is empty if a file is missing on this computer.
+        SHA-256 of each file by its path in the data folder, and is empty if a file is missing on
+        this computer.
 
     Raises
     ------
@@ -185,12 +186,12 @@ def provenance(name: str) -> dict[str, Any]:
     ['files', 'licence', 'name', 'origin', 'page', 'title']
     """
     data_set = get(source_of(name))
-    files = [require(file, data_set.name) for file in data_set.files] if is_here(data_set) else []
+    files = data_set.files if is_here(data_set) else ()
     return {
         "name": data_set.name,
         "title": data_set.title,
         "origin": data_set.origin,
         "page": data_set.page,
         "licence": data_set.licence,
-        "files": {path.name: file_sha256(path) for path in files},
+        "files": {file.path: file_sha256(require(file, data_set.name)) for file in files},
     }

@@ -19,7 +19,7 @@ from manip3d.errors import Error, InputError
 
 ENTRY_POINTS = "manip3d.datasets"
 """Group of entry points; each refers to a `DataSet` or to an iterable of them."""
-_OWN = ("meshes", "scans", "rgbd", "people")
+_OWN = ("meshes", "scans", "rgbd", "people", "lidar")
 """Modules of this package with data sets, which are imported by name as plug-ins are."""
 
 
@@ -218,8 +218,8 @@ def data_folder_problem(folder: Path) -> str:
     Parameters
     ----------
     folder : Path
-        The folder. It should hold at least one of the folders of real data: ``lidar``, or one with
-        which the path of a registered file begins.
+        The folder. It should hold at least one of the folders with which the paths of registered
+        files begin: ``lidar``, ``meshes``, ...
 
     Returns
     -------
@@ -243,7 +243,6 @@ def data_folder_problem(folder: Path) -> str:
     if not folder.is_dir():
         return f"{folder} is not a folder"
     parts = {f.path.partition("/")[0] for data_set in registry().values() for f in data_set.files}
-    parts.add("lidar")  # scans of which experiments take whole folders
     if any((folder / part).is_dir() for part in parts):
         return ""
     return f"{folder} holds none of the folders {', '.join(sorted(parts))}"

@@ -39,6 +39,8 @@ if TYPE_CHECKING:
 __all__ = ["KittiCalibration", "KittiDrive", "KittiFrame", "open_kitti"]
 
 _IMAGE_SUFFIXES = (".png", ".jpg")
+_DAY_FILES = ("calib_cam_to_cam.txt", "calib_velo_to_cam.txt")
+"""Files with the calibration of a day, of its cameras and of the LiDAR."""
 _OXTS_COLUMNS = (8, 9, 22)  # vf, vl and wu in KITTI's dataformat.txt
 
 
@@ -191,10 +193,26 @@ class KittiFrame:
         InputError
             There is no calibration.
         """
-        folder = self.drive.calibration_path
-        if folder is None:
+        place = self._calibration_path
+        if place is None:
             raise InputError(f"{self.drive.path}: no calibration beside these scans")
-        return read_calibration(folder / f"{self.name}.txt" if self.drive.per_frame else folder)
+        return read_calibration(place)
+
+    @property
+    def calibration_files(self) -> tuple[Path, ...]:
+        """Files that `calibration` reads; empty if there is no calibration."""
+        place = self._calibration_path
+        if place is None:
+            return ()
+        return tuple(place / name for name in _DAY_FILES) if place.is_dir() else (place,)
+
+    @property
+    def _calibration_path(self) -> Path | None:
+        """The day's folder or the file with the calibration; None if there is none."""
+        folder = self.drive.calibration_path
+        if folder is None or not self.drive.per_frame:
+            return folder
+        return folder / f"{self.name}.txt"
 
     def velocity(self) -> tuple[float, float, float] | None:
         """Read the car's velocity: m/s forward, m/s left, rad/s counter-clockwise; None: unknown.
@@ -425,15 +443,12 @@ def open_kitti(
 def read_calibration(path: Path) -> KittiCalibration:
     """Read a calibration: a day's folder (raw drives) or a single file (object, odometry)."""
     if path.is_dir():
-        cameras = _matrices(path / "calib_cam_to_cam.txt")
-        rigid = _matrices(path / "calib_velo_to_cam.txt")
+        file, rigid_file = (path / name for name in _DAY_FILES)
+        cameras, rigid = _matrices(file), _matrices(rigid_file)
         projections = {c: f"P_rect_0{c}" for c in range(4)}
-        rotation, file = "R_rect_00", path / "calib_cam_to_cam.txt"
+        rotation = "R_rect_00"
         velo = np.column_stack(
-            [
-                _rotation(rigid, "R", path / "calib_velo_to_cam.txt"),
-                _shaped(rigid, "T", (3,), path / "calib_velo_to_cam.txt"),
-            ]
+            [_rotation(rigid, "R", rigid_file), _shaped(rigid, "T", (3,), rigid_file)]
         )
     else:
         cameras, file = _matrices(path), path

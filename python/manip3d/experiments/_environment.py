@@ -5,6 +5,7 @@ from __future__ import annotations
 import datetime
 import os
 import platform
+from functools import cache
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -16,11 +17,17 @@ _LIBRARIES = ("numpy", "scipy", "matplotlib", "open3d", "vtk", "pyvista", "trime
 
 
 def environment() -> dict[str, Any]:
-    """Return machine, operating system and package versions, for the record of a run."""
+    """Return machine, operating system, package versions and time, for the record of a run."""
+    now = datetime.datetime.now(datetime.UTC)
+    return {"date": now.isoformat(timespec="seconds"), **machine()}
+
+
+@cache
+def machine() -> dict[str, Any]:
+    """Return machine, operating system and package versions, for the record of a case."""
     return {
         "manip3d": __version__,
         "code": code_fingerprint(),
-        "date": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
         "cpu": _cpu(),
         "cores": len(os.sched_getaffinity(0)),
         "memory_gib": round(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 2**30, 1),

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from manip3d import authenticate, datasets, forge, metrics
-from manip3d.experiments._model import Case, Column, Plan, Row, counted
+from manip3d.experiments._model import Case, Column, Finding, Plan, Row, counted
 from manip3d.lidar import Box
 
 if TYPE_CHECKING:
@@ -60,6 +60,13 @@ NOTE = (
 
 
 TOO_FEW = "a quick run has too few scans to judge this"
+
+
+def finding(rows: Sequence[Row], subject: str, holds: bool, numbers: str) -> Finding:
+    """Return a finding on these rows; those of a quick run judge nothing."""
+    if any(row["scale"] == "quick" for row in rows):
+        return Finding(subject, None, numbers, unjudged=TOO_FEW)
+    return Finding(subject, holds, numbers)
 
 
 def role(real: bool) -> str:

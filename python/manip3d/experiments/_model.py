@@ -52,9 +52,11 @@ class Case:
         ``run(case) -> dict``, importable by name. Values that are a `Mesh` or `bytes` are stored in
         files of their own; all others are JSON values.
     options : mapping of JSON values
-        Everything that the result depends on, including seeds, except code and `inputs`.
+        Everything that the result depends on, including seeds, except code and `inputs`. The
+        option ``files`` holds the SHA-256 of each file that the case opens by its path, by this
+        path relative to the data root (`_recorded.sums`).
     inputs : tuple of str
-        Names of the registered meshes that the case opens.
+        Names of the registered data sets that the case opens by name.
     """
 
     run: Callable[[Case], Row]
@@ -70,6 +72,11 @@ class Case:
     def data(self) -> str:
         """Kind of data, one of `DATA_KINDS`: the option ``data``, or by whether it has inputs."""
         return str(self.options.get("data", "recorded" if self.inputs else "simulated"))
+
+    @property
+    def files(self) -> Mapping[str, str]:
+        """SHA-256 of the files that the case opens by path: the option ``files``."""
+        return dict(self.options.get("files", {}))
 
     def key(self, inputs_sha256: Mapping[str, str], code: str) -> str:
         """Return the name of the stored result: a hash of function, options, inputs and code.
@@ -89,6 +96,9 @@ class Case:
         }
         return hashlib.sha256(canonical_json(record)).hexdigest()[:32]
 
+
+_NOUNS = {"stand-in": "stand-ins", "recorded": "recorded data", "simulated": "simulated data"}
+"""Nouns for the kinds of data that do not decide a claim about the published files."""
 
 DATA_KINDS: dict[str, str] = {
     "published": "the published file",
@@ -113,10 +123,10 @@ class Finding:
         The compared numbers.
     data : str
         Kind of data of the numbers: one of `DATA_KINDS`, or several of them, separated by commas;
-        filled in by `Claim.verdict`.
+        filled in by `Claim.verdict` if the judge does not state it.
     unjudged : str
-        Reason why this run cannot judge the claim although it applies, such as another file or too
-        small a scale; ``""``: it can.
+        Reason why this run cannot judge the claim although it applies, such as another file, a
+        missing one or too small a scale; ``""``: it can.
     """
 
     subject: str
@@ -128,7 +138,7 @@ class Finding:
 
 @dataclass(frozen=True)
 class Verdict:
-    """Verdict on a claim, which holds if every applicable finding holds.
+    """Verdict on a claim, which holds if every applicable finding holds on some kind of data.
 
     Attributes
     ----------
@@ -153,34 +163,54 @@ class Verdict:
 
     @property
     def holds(self) -> bool | None:
-        """True or False; None if no finding applies or if a case that the claim needs failed."""
-        judged = [finding.holds for finding in self.findings if finding.holds is not None]
-        return all(judged) if judged and not self.unjudged else None
+        """True or False; None if no finding applies or if a case that the claim needs failed.
+
+        None, too, if on each kind of data some finding applies that could not be judged.
+        """
+        if self.unjudged or not self.judged_on:
+            return None
+        if any(finding.holds is False for finding in self.findings):
+            return False
+        return True if self._confirmed_on else None
+
+    @property
+    def judged_on(self) -> tuple[str, ...]:
+        """Kinds of data on which findings were judged, as in `Finding.data`."""
+        return tuple(dict.fromkeys(f.data for f in self.findings if f.holds is not None))
+
+    @property
+    def _confirmed_on(self) -> list[str]:
+        """Kinds of data on which every finding that applies was judged and holds."""
+        open_on = {f.data for f in self.findings if f.unjudged or f.holds is False}
+        return [kind for kind in self.judged_on if kind not in open_on]
 
     @property
     def word(self) -> str:
-        """``holds``, ``does not hold``, ``undecided``, or why there is no verdict.
+        """``holds``, ``holds on ...``, ``does not hold``, ``undecided``, or why there is none.
 
-        Undecided means that a published claim fails only on stand-ins or simulated data, because
-        only the published files can refute it. If there is no verdict, the word is ``not judged``
-        (a case failed), ``reported`` or ``not applicable``.
+        Only the published files decide a published claim, and any data an aim of this package.
+        ``holds on simulated data`` (or ``stand-ins``, ``recorded data``) means that a published
+        claim holds on data that do not decide it, and ``undecided`` that it fails on such data, or
+        that some finding could not be judged. If there is no verdict, the word is ``not judged`` (a
+        case failed), ``reported`` or ``not applicable``.
         """
         if self.unjudged:
             return "not judged"
-        if self.holds is None:
+        if not self.judged_on:
             return "reported" if self.reported and self.findings else "not applicable"
         if self.holds:
-            return "holds"
-        refuted = any(self._refutes(finding) for finding in self.findings)
+            return self._holds_on(self._confirmed_on)
+        refuted = any(f.holds is False and self._decides(f.data) for f in self.findings)
         return "does not hold" if refuted else "undecided"
 
-    def _refutes(self, finding: Finding) -> bool:
-        """Return whether a finding refutes the claim.
+    def _holds_on(self, kinds: Sequence[str]) -> str:
+        if any(self._decides(kind) for kind in kinds):
+            return "holds"
+        names = dict.fromkeys(_NOUNS[name] for kind in kinds for name in kind.split(", "))
+        return f"holds on {' and '.join(names)}"
 
-        Any data can refute an aim of this package, but only the published data a published claim.
-        """
-        decisive = self.source.startswith("aim") or not finding.data or "published" in finding.data
-        return finding.holds is False and decisive
+    def _decides(self, data: str) -> bool:
+        return self.source.startswith("aim") or not data or "published" in data
 
 
 def _every_row(_: Row) -> bool:
@@ -269,7 +299,7 @@ class Claim:
                 why = f"only {_listed(self.data)} can judge this"
                 yield replace(finding, holds=None, data=kinds, unjudged=why)
             else:
-                yield replace(finding, data=kinds)
+                yield replace(finding, data=finding.data or kinds)
 
 
 def _kind(row: Row) -> str:
@@ -421,9 +451,6 @@ class Experiment:
         Description of the data, for cases that do not give one.
     split : str
         Key in the rows; the report makes one table for each of its values. ``""``: one table.
-    folders : tuple of str
-        Folders and files below the data root, other than those of ``data``, that cases open if they
-        are there.
     """
 
     id: str
@@ -440,7 +467,6 @@ class Experiment:
     notes: tuple[Note, ...] = ()
     role: str = ""
     split: str = ""
-    folders: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
         return f"<manip3d.experiments.Experiment: {self.id}; {self.title}>"

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import csv
+from collections.abc import Iterator, Sequence
 from functools import cache
 from importlib.resources import files
 
 from manip3d._util.checked import checked
 from manip3d.errors import InputError
+from manip3d.experiments._model import Finding, Row
 
 METHOD_NAMES = {
     "qem-orig": "QEM_ORIG",
@@ -60,3 +62,32 @@ def value(table: str, model: str, method: str, column: str) -> float | str | Non
                 return "fail"
             return None if text in ("", "unknown") else float(text)
     return None
+
+
+def same_counts(
+    rows: Sequence[Row], models: Sequence[str], counts: Sequence[str]
+) -> Iterator[Finding]:
+    """Yield whether the counts of the published files of these models are the printed ones.
+
+    A model whose published file is not among the rows has a finding that is not judged, so that the
+    claim about all of them does not hold because of the others.
+
+    Parameters
+    ----------
+    rows : sequence of dict
+        Rows of all kinds of data (`Claim.together`).
+    models : sequence of str
+        Names of the published models.
+    counts : sequence of str
+        Keys of the counts; the printed ones have the prefix ``published_``.
+    """
+    present = {row["stands_in_for"]: row for row in rows if row["data"] == "published"}
+    for model in models:
+        row = present.get(model)
+        if row is None:
+            why = "the published file is not in this run"
+            yield Finding(model, None, "", "published", unjudged=why)
+            continue
+        got = [row[name] for name in counts]
+        printed = [row[f"published_{name}"] for name in counts]
+        yield Finding(row["model"], got == printed, f"{got}, published {printed}", "published")

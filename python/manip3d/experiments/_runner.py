@@ -6,13 +6,14 @@ options and code are the same and none of its bytes has changed.
 
 from __future__ import annotations
 
+import hashlib
 import io
 import json
 import logging
 import math
 import os
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing, suppress
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -23,13 +24,15 @@ import numpy as np
 from manip3d import datasets
 from manip3d._util.checked import checked
 from manip3d._util.fingerprint import code_fingerprint
+from manip3d._util.json import canonical_json
 from manip3d._util.parallel import run_tasks
 from manip3d._util.paths import path_of
 from manip3d._util.reprs import short_repr
 from manip3d.batch import run_stored
 from manip3d.batch._table import csv_text
 from manip3d.errors import InputError
-from manip3d.experiments._environment import environment
+from manip3d.experiments import _recorded
+from manip3d.experiments._environment import environment, machine
 from manip3d.experiments._model import DATA_KINDS, Case, Experiment, Plan, Row, Sheet
 from manip3d.experiments._store import Store
 from manip3d.io._files import regular_bytes
@@ -37,8 +40,11 @@ from manip3d.io._files import regular_bytes
 Progress = Callable[[float, str], None]
 T = TypeVar("T")
 
-RESULTS_FORMAT = 2
+RESULTS_FORMAT = 3
 """Version of the format of ``results.json``; increased with each incompatible change."""
+
+_MEASURED_BY = "measured_by"
+"""Key in a stored row of the environment in which its case ran."""
 
 _log = logging.getLogger("manip3d")
 
@@ -164,7 +170,7 @@ def run(
     cases = {experiment.id: _keyed(planned[experiment.id]) for experiment in experiments}
     todo = {key: case for keyed in cases.values() for key, case in keyed.items()}
     found = run_stored(
-        {key: (_run_case, (case,)) for key, case in todo.items()},
+        {key: (_measure, (case,)) for key, case in todo.items()},
         store,
         jobs,
         dask=dask,
@@ -173,16 +179,20 @@ def run(
         on_error=lambda key, error: _log.error("%s: %s", describe(todo[key]), error),
     )
 
+    machines = {key: row.pop(_MEASURED_BY) for key, row in found.done.items()}
     rows = {
         experiment.id: _rows(experiment, cases[experiment.id], found.done, found.failed)
         for experiment in experiments
     }
     records = {e.id: _record(e, rows[e.id], store) for e in experiments}
+    for name, record in records.items():
+        record["environments"] = _distinct(machines[key] for key in cases[name] if key in machines)
     problems = [f"{name}: {text}" for name, r in records.items() for text in r["problems"]]
     bad = {row["key"] for record in rows.values() for row in record if row["error"]}
     results: dict[str, Any] = {
         "format": RESULTS_FORMAT,
         "environment": environment() | {"jobs": jobs, "executor": dask or "processes"},
+        "environments": {_name(each): each for each in machines.values()},
         "plan": asdict(plan),
         "wall_time_s": round(time.perf_counter() - started, 3),
         "cases": {"all": len(todo), "resumed": found.resumed, "failed": len(bad)},
@@ -222,6 +232,7 @@ def _earlier_results(folder: Path) -> dict[str, Any]:
         found = json.loads(regular_bytes(folder / "results.json"))
         rows = [row for record in found["experiments"].values() for row in record["rows"]]
         is_sound = all(isinstance(row, dict) for row in rows) and isinstance(found["data"], list)
+        is_sound = is_sound and isinstance(found["environments"], dict)
     except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
         return {}
     return found if is_sound and isinstance(found.get("pictures"), dict) else {}
@@ -246,15 +257,23 @@ def _with_earlier(
 
     Numbers of cases and the wall time stay those of the last run.
     """
+    if not kept:
+        return dict(results)
     records = {name: earlier["experiments"][name] for name in kept}
-    known = {each["name"] for each in results["data"]}
-    data = [each for each in earlier.get("data", []) if kept and each["name"] not in known]
+    data = [each for each in earlier["data"] if not _is_listed(each, results["data"])]
     return {
         **results,
         "data": [*data, *results["data"]],
+        "environments": earlier["environments"] | results["environments"],
         "experiments": records | results["experiments"],
-        "pictures": (earlier["pictures"] if kept else {}) | results["pictures"],
+        "pictures": earlier["pictures"] | results["pictures"],
     }
+
+
+def _is_listed(record: Mapping[str, Any], others: Sequence[Mapping[str, Any]]) -> bool:
+    """Return whether all files of a data set are listed by other records with the same hashes."""
+    same = (other["files"] for other in others if other["name"] == record["name"])
+    return any(record["files"].items() <= files.items() for files in same)
 
 
 def describe(case: Case) -> str:
@@ -283,9 +302,23 @@ def _hash_of(file: datasets.DataFile, name: str) -> str:
         return "damaged"
 
 
+def _measure(case: Case) -> Row:
+    """Run one case, and add the environment of this process, which may be on another computer."""
+    return _run_case(case) | {_MEASURED_BY: machine()}
+
+
 def _run_case(case: Case) -> Row:
     """Run one case in the current process."""
     return {name: _plain(value) for name, value in case.run(case).items()}
+
+
+def _name(environment: Mapping[str, Any]) -> str:
+    """Return a short name of an environment, the same for equal ones."""
+    return hashlib.sha256(canonical_json(environment)).hexdigest()[:8]
+
+
+def _distinct(environments: Iterable[Mapping[str, Any]]) -> list[str]:
+    return list(dict.fromkeys(map(_name, environments)))
 
 
 def _plain(value: Any) -> Any:
@@ -325,13 +358,18 @@ def _sound(rows: Sequence[Row]) -> list[Row]:
     return [row for row in rows if not row["error"]]
 
 
-def _provenance(cases: Any) -> list[dict[str, Any]]:
+def _provenance(cases: Collection[Case]) -> list[dict[str, Any]]:
+    """Return origin, licence and hashes of all files that the cases read, by data set."""
     names = dict.fromkeys(datasets.source_of(name) for case in cases for name in case.inputs)
-    found = []
+    found = {}
     for name in names:
         with suppress(datasets.ChecksumError):  # cases that read it fail
-            found.append(datasets.provenance(name))
-    return found
+            found[name] = datasets.provenance(name)
+    read = {path: digest for case in cases for path, digest in case.files.items()}
+    for record in _recorded.provenance(read):
+        known = found.setdefault(record["name"], record)
+        known["files"] = known["files"] | record["files"]
+    return list(found.values())
 
 
 def _record(experiment: Experiment, rows: list[Row], store: Store) -> dict[str, Any]:
@@ -347,7 +385,10 @@ def _record(experiment: Experiment, rows: list[Row], store: Store) -> dict[str, 
         "columns": [asdict(column) for column in experiment.columns],
         "notes": [text for text in _notes(experiment, rows, problems) if text],
         "rows": rows,
-        "verdicts": [asdict(verdict) | {"word": verdict.word} for verdict in verdicts],
+        "verdicts": [
+            asdict(each) | {"word": each.word, "judged_on": list(each.judged_on)}
+            for each in verdicts
+        ],
         "figures": _figures(experiment, rows, store, problems),
         "problems": problems,
     }

@@ -6,14 +6,13 @@ import functools
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from manip3d import authenticate, datasets, forge
+from manip3d import authenticate, forge
 from manip3d.authenticate import SensorLattice, estimate_lattice, generic_consistency
-from manip3d.experiments import _roc
+from manip3d.experiments import _recorded, _roc
 from manip3d.experiments._lidar_attacks import ADDING, OTHERS, Target, as_written
 from manip3d.experiments._model import Case, Claim, Column, Experiment, Finding, Plan, Row, counted
 from manip3d.io import read_scan
@@ -25,8 +24,11 @@ if TYPE_CHECKING:
     from manip3d.experiments._lidar_attacks import Points
 
 RAW = "lidar/kitti_raw/"
-TUNING = RAW + "2011_09_26/2011_09_26_drive_0002_sync/velodyne_points/data"
-"""Drive from which the lattice is estimated; it and the `DONORS` are in no test."""
+TUNING = tuple(
+    f"{RAW}2011_09_26/2011_09_26_drive_0002_sync/velodyne_points/data/{number:010d}.bin.xz"
+    for number in range(10)
+)
+"""Frames of the drive from which the lattice is estimated; it and the `DONORS` are in no test."""
 DONORS = (
     RAW + "unidentified_drive_a/velodyne_points/data/0000000000.bin.xz",
     RAW + "2011_09_26/unidentified_drive_b/velodyne_points/data/0000000000.bin.xz",
@@ -79,10 +81,15 @@ ODOMETRY = Scene(
 )
 TIMED = Scene("drive 0005, pairs", tuple(_frame(i) for i in range(20)))
 """Frames 1, 3, ... are judged together with their previous frames."""
-_FOLDERS = tuple(
-    dict.fromkeys(
-        [TUNING, *(file.rpartition("/")[0] for s in (*SCENES, ODOMETRY) for file in s.files)]
-    )
+_DATA_SETS = (
+    "kitti_drive_0002",
+    "kitti_drive_0005",
+    "kitti_drive_0079",
+    "kitti_unidentified_a",
+    "kitti_unidentified_b",
+    "kitti_stereo2015",
+    "kitti_object",
+    "kitti_odometry_00",
 )
 CHOSEN_ON = ("stereo-2015 000124",)
 """Scenes on whose frames a threshold was chosen; they are judged but count in no rate."""
@@ -90,30 +97,23 @@ OBJECTS = {"full": {"drive 0005": 3}, "quick": {}}
 OBJECTS_OF_ONE_FRAME = {"full": 8, "quick": 2}
 
 
-def _here(scene: Scene, root: Path | None) -> bool:
-    return root is not None and all((root / file).is_file() for file in scene.files)
+def _here(scene: Scene) -> bool:
+    """Return whether the files of a scene, and those that every real case needs, are here."""
+    return _recorded.are_here((*TUNING, *DONORS, *scene.files))
 
 
 def _load(file: str) -> Points:
-    root = datasets.data_root()
-    if root is None:
-        raise datasets.DataMissingError(f"{file}: set MANIP3D_DATA to the folder that holds it")
-    return read_scan(root / file).points
+    return read_scan(_recorded.located(file)).points
 
 
-def _sums(files: Sequence[str]) -> dict[str, str]:
-    """Return the hashes of the files that a row depends on."""
-    root = datasets.data_root()
-    assert root is not None
-    return {file: datasets.file_sha256(root / file) for file in files}
+def _read(scans: Sequence[str]) -> dict[str, Any]:
+    """Return the options that name the judged scans and the hashes of all files of a real case."""
+    return {"scans": list(scans), "files": _recorded.sums((*TUNING, *DONORS, *scans))}
 
 
 @functools.cache
 def _real_lattice() -> SensorLattice:
-    root = datasets.data_root()
-    assert root is not None
-    files = sorted((root / TUNING).glob("*.bin.xz"))
-    return estimate_lattice([read_scan(file) for file in files])
+    return estimate_lattice([_load(file) for file in TUNING])
 
 
 @functools.cache
@@ -144,15 +144,15 @@ _REMOVING = "subtractive"
 
 def cases(plan: Plan) -> list[Case]:
     """Return cases of clean scenes, attacks on each, odometry, and simulated streets."""
-    root = None if plan.data == "simulated" else datasets.data_root()
+    real = plan.data != "simulated"
     made: list[Case] = []
     for scene in SCENES:
-        if not _here(scene, root):
+        if not (real and _here(scene)):
             continue
         files = scene.files if plan.scale == "full" else scene.files[:1]
         options: dict[str, Any] = {
             "scene": scene.name,
-            "files": _sums(files),
+            **_read(files),
             "seed": plan.seed,
             **_RECORDED,
         }
@@ -165,13 +165,13 @@ def cases(plan: Plan) -> list[Case]:
             )
             for attack in (*ADDING, *OTHERS)
         ]
-    if _here(TIMED, root):
+    if real and _here(TIMED):
         files = TIMED.files if plan.scale == "full" else TIMED.files[:2]
         per_frame = OBJECTS[plan.scale].get("drive 0005", OBJECTS_OF_ONE_FRAME[plan.scale])
         name = f"{_REMOVING}, {WITH_TIME}"
         options = {
             "scene": TIMED.name,
-            "files": _sums(files),
+            **_read(files),
             "seed": plan.seed,
             **_RECORDED,
             "model": name,
@@ -179,13 +179,13 @@ def cases(plan: Plan) -> list[Case]:
             "objects": per_frame,
         }
         made.append(Case(run_timed, options))
-    if _here(ODOMETRY, root):
+    if real and _here(ODOMETRY):
         made.append(
             Case(
                 run_clean,
                 {
                     "scene": ODOMETRY.name,
-                    "files": _sums(ODOMETRY.files),
+                    **_read(ODOMETRY.files),
                     "seed": 0,
                     **_RECORDED,
                     **_CLEAN,
@@ -220,7 +220,7 @@ def _simulated_cases(plan: Plan) -> list[Case]:
 def run_clean(case: Case) -> Row:
     """Judge the clean frames of a scene."""
     lattice = _real_lattice()
-    frames = [_load(file) for file in case.options["files"]]
+    frames = [_load(file) for file in case.options["scans"]]
     results = [generic_consistency(frame, lattice=lattice) for frame in frames]
     return {
         "frames": len(frames),
@@ -256,7 +256,7 @@ def run_attack(case: Case) -> Row:
     lattice = _real_lattice()
     attack = {**ADDING, **OTHERS}[case.options["attack"]]
     forgeries, distances = [], []
-    for number, file in enumerate(case.options["files"]):
+    for number, file in enumerate(case.options["scans"]):
         random = np.random.default_rng([case.options["seed"], number])
         scan = _load(file)
         for target in _targets(scan, lattice, case.options["objects"], random):
@@ -277,7 +277,7 @@ def run_timed(case: Case) -> Row:
     """Judge frames with removed objects with and without the previous frame (evidence ``time``)."""
     lattice = _real_lattice()
     attack = {**ADDING, **OTHERS}[_REMOVING]
-    files = sorted(case.options["files"])
+    files = sorted(case.options["scans"])
     timed, alone, clean, clean_alone = [], [], [], []
     for number, (file, follower) in enumerate(zip(files[::2], files[1::2], strict=True)):
         random = np.random.default_rng([case.options["seed"], number])
@@ -509,8 +509,7 @@ EXPERIMENT = Experiment(
     id="detector-3",
     title="Detector III: LiDAR alone, every attack, real frames of an HDL-64E",
     published="",
-    data=(),
-    folders=_FOLDERS,
+    data=_DATA_SETS,
     cases=cases,
     columns=(
         Column("scene", "scene"),

@@ -9,10 +9,11 @@ import numpy as np
 
 import manip3d
 from manip3d import authenticate, datasets, forge
-from manip3d.experiments import _forensics
+from manip3d.experiments import _forensics, _recorded
 from manip3d.experiments._model import Case, Claim, Column, Experiment, Finding, Plan, Row
 
 _FOLDER = "lidar/tls"
+_DATA_SETS = ("tls_forest", "tls_pump_room", "tls_rooms", "tls_3dtk")
 _SCANS = (
     "riegl_vz400i_forest.ply.xz",
     "pump_room_e57.ply.xz",
@@ -29,7 +30,6 @@ _SIZE = 0.3
 def _cases(plan: Plan) -> list[Case]:
     if plan.data == "simulated":
         return []
-    root = datasets.data_root()
     hoax = _forensics.HOAXES[0]
     real = datasets.is_here(datasets.get(hoax))
     return [
@@ -37,7 +37,7 @@ def _cases(plan: Plan) -> list[Case]:
             judge_scan,
             {
                 "model": name,
-                "file": f"{_FOLDER}/{name}",
+                "files": _recorded.sums([f"{_FOLDER}/{name}"]),
                 "hoax": hoax if real else "ball",
                 "data": "recorded",
                 "role": f"recorded, hoax {hoax if real else 'ball'}",
@@ -45,7 +45,7 @@ def _cases(plan: Plan) -> list[Case]:
             inputs=(hoax,) if real else (),
         )
         for name in _SCANS
-        if root is not None and (root / _FOLDER / name).exists()
+        if _recorded.are_here([f"{_FOLDER}/{name}"])
     ]
 
 
@@ -55,8 +55,8 @@ def judge_scan(case: Case) -> Row:
     The hoax stands in the direction of the point with the median range, among points near the
     horizon, at 60 % of this range.
     """
-    root = datasets.data_root()
-    frame = manip3d.io.read_scan(root / case.options["file"])
+    (file,) = case.options["files"]
+    frame = manip3d.io.read_scan(_recorded.located(file))
     place = np.zeros(3) if frame.origin is None else np.asarray(frame.origin)
     points = (frame.points - place).astype(np.float32)
     vertices, _ = _forensics.open_hoax(case.options["hoax"])
@@ -109,8 +109,7 @@ EXPERIMENT = Experiment(
     id="real-scans-6",
     title="Detectors I and II on real terrestrial scans",
     published="",
-    data=_forensics.HOAXES[:1],
-    folders=(_FOLDER,),
+    data=(*_DATA_SETS, *_forensics.HOAXES[:1]),
     cases=_cases,
     columns=(
         Column("points", "points"),

@@ -26,7 +26,7 @@ import numpy as np
 from manip3d import datasets
 from manip3d._util.fingerprint import presentation_fingerprint
 from manip3d.errors import Error
-from manip3d.experiments import _phantom
+from manip3d.experiments import _phantom, _recorded
 from manip3d.experiments._model import Case, Experiment, Plan, Row, counted
 from manip3d.experiments._pictures import webp
 
@@ -146,10 +146,9 @@ class _Recorded:
     def sums(self) -> dict[str, str]:
         """Return the files' hashes; an empty dict if a file is missing."""
         root = os.environ.get("MANIP3D_DATA")
-        paths = {file: Path(root) / file for file in self.files} if root else {}
-        if not paths or not all(path.is_file() for path in paths.values()):
+        if root is None or not all(Path(root, file).is_file() for file in self.files):
             return {}
-        return {file: datasets.file_sha256(path) for file, path in paths.items()}
+        return _recorded.sums(self.files)
 
 
 def _experiment(

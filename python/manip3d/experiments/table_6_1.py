@@ -24,7 +24,7 @@ def _as_many_right(detector: str, classes: tuple[str, ...]) -> Claim:
                 f"of {line['count']}"
             )
             name = f"{line['scene']}, {line['class']}"
-            yield Finding(name, right / len(found) >= published, numbers)
+            yield _forensics.finding(rows, name, right / len(found) >= published, numbers)
 
     names = " and ".join(classes)
     return Claim(
@@ -37,13 +37,11 @@ def _as_many_right(detector: str, classes: tuple[str, ...]) -> Claim:
 def _same_number(rows: Sequence[Row]) -> Iterator[Finding]:
     for line in _published.published_rows("table_6_1_lidar_forensics"):
         found = _forensics.entries(rows, line["class"], kind=line["scene"])
-        short = any(row["scale"] == "quick" for row in rows)
-        holds = None if short else len(found) == int(line["count"])
-        yield Finding(
+        yield _forensics.finding(
+            rows,
             f"{line['scene']}, {line['class']}",
-            holds,
+            len(found) == int(line["count"]),
             f"{len(found)} of {line['count']}",
-            unjudged=_forensics.TOO_FEW if short else "",
         )
 
 

@@ -28,7 +28,7 @@ def _reaches(rows: Sequence[Row], detector: str, classes: Sequence[str]) -> Iter
             mine = _forensics.accuracy(found, detector)
             printed = float(_printed()[name][detector])
             numbers = f"{mine:.2f} %, published {printed:.2f} % (n = {len(found)})"
-            yield Finding(name, mine >= printed, numbers)
+            yield _forensics.finding(rows, name, mine >= printed, numbers)
 
 
 def _overall(rows: Sequence[Row]) -> Iterator[Finding]:
@@ -37,14 +37,8 @@ def _overall(rows: Sequence[Row]) -> Iterator[Finding]:
         if found:
             mine = _forensics.accuracy(found, detector)
             printed = float(_printed()["overall"][detector])
-            # In a quick run the classes make up other shares of all scans.
-            quick = any(row["scale"] == "quick" for row in rows)
-            yield Finding(
-                detector,
-                None if quick else mine >= printed,
-                f"{mine:.2f} %, published {printed:.2f} %",
-                unjudged=_forensics.TOO_FEW if quick else "",
-            )
+            numbers = f"{mine:.2f} %, published {printed:.2f} %"
+            yield _forensics.finding(rows, detector, mine >= printed, numbers)
 
 
 def _misses_crtp(rows: Sequence[Row]) -> Iterator[Finding]:
@@ -53,7 +47,7 @@ def _misses_crtp(rows: Sequence[Row]) -> Iterator[Finding]:
         mine = _forensics.accuracy(found, "I")
         printed = float(_printed()["CRTP"]["I"])
         numbers = f"{mine:.2f} % detected, published {printed:.2f} %"
-        yield Finding("I, CRTP", mine < 50.0, numbers)
+        yield _forensics.finding(rows, "I, CRTP", mine < 50.0, numbers)
 
 
 def _fronts(rows: Sequence[Row]) -> Iterator[Finding]:

@@ -12,7 +12,7 @@ from manip3d._util.extras import imported
 from manip3d.errors import FormatError
 from manip3d.experiments import counted
 from manip3d.io._files import regular_bytes
-from manip3d.report._tables import number, readable, tables
+from manip3d.report._tables import measured_by, number, readable, tables
 
 if TYPE_CHECKING:
     import jinja2
@@ -61,6 +61,7 @@ def numbers(results: Mapping[str, Any], folder: Path) -> dict[str, Any]:
     return {
         "results": results,
         "environment": results["environment"],
+        "machines": list(measured_by(results)),
         "experiments": list(_experiments(results, folder)),
         "headlines": list(_headlines(results)),
         "sheets": list(_sheets(results, folder)),
@@ -101,7 +102,8 @@ def _experiments(results: Mapping[str, Any], folder: Path) -> Iterator[dict[str,
             "verdicts": [
                 verdict
                 | {
-                    "tone": _TONES.get(verdict["word"], "na"),
+                    "tone": _TONES.get(_kind(verdict["word"]), "na"),
+                    "sign": _SIGNS.get(_kind(verdict["word"]), "–"),
                     "scores": _scores(verdict),
                     "why": _why(verdict),
                 }
@@ -115,12 +117,13 @@ def _experiments(results: Mapping[str, Any], folder: Path) -> Iterator[dict[str,
 
 def _why(verdict: Mapping[str, Any]) -> str:
     """Return a short explanation of a verdict other than "holds" and "does not hold", or ''."""
-    if verdict["word"] == "undecided":
-        confirmed = any(f["holds"] and "published" in f["data"] for f in verdict["findings"])
-        return "holds on the published files" if confirmed else "the published files are not here"
-    if verdict["word"] != "not applicable":
+    findings = verdict["findings"]
+    if verdict["word"] not in ("undecided", "not applicable"):
         return str(verdict["unjudged"])
-    return next((f["unjudged"] for f in verdict["findings"] if f["unjudged"]), "")
+    if any(finding["holds"] is False for finding in findings):
+        confirmed = any(f["holds"] and "published" in f["data"] for f in findings)
+        return "holds on the published files" if confirmed else "the published files are not here"
+    return next((f"{f['subject']}: {f['unjudged']}" for f in findings if f["unjudged"]), "")
 
 
 def _scores(verdict: Mapping[str, Any]) -> list[dict[str, Any]]:
@@ -140,7 +143,13 @@ def _scores(verdict: Mapping[str, Any]) -> list[dict[str, Any]]:
     ]
 
 
-_TONES = {"holds": "yes", "does not hold": "no", "undecided": "soft"}
+_TONES = {"holds": "yes", "holds elsewhere": "soft", "does not hold": "no", "undecided": "soft"}
+_SIGNS = {"holds": "✓", "holds elsewhere": "✓", "does not hold": "✗", "undecided": "?"}
+
+
+def _kind(word: str) -> str:
+    """Return the verdict's word, where "holds on ..." counts as "holds elsewhere"."""
+    return "holds elsewhere" if word.startswith("holds on ") else word
 
 
 def _headlines(results: Mapping[str, Any]) -> Iterator[dict[str, str]]:
@@ -183,6 +192,6 @@ def _sheets(results: Mapping[str, Any], folder: Path) -> Iterator[dict[str, Any]
 
 def _tally(results: Mapping[str, Any]) -> dict[str, int]:
     """Return the number of claims with each verdict."""
-    words = [v["word"] for e in results["experiments"].values() for v in e["verdicts"]]
+    words = [_kind(v["word"]) for e in results["experiments"].values() for v in e["verdicts"]]
     known = (*_TONES, "not judged", "not applicable", "reported")
     return {word: words.count(word) for word in known}

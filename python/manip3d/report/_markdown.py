@@ -5,24 +5,24 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from manip3d.report._tables import Cell, Table, readable, tables
+from manip3d.report._tables import Cell, Table, measured_by, readable, tables
 
 
 def markdown(results: Mapping[str, Any]) -> str:
     """Return the whole report as Markdown."""
-    environment = results["environment"]
-    lines = [
-        "# Measured beside published",
-        "",
-        f"manip3d {environment['manip3d']}, {environment['date']}, {environment['cpu']}, "
-        f"{environment['os']}",
-        "",
-    ]
+    lines = ["# Measured beside published", "", results["environment"]["date"], ""]
+    for machine in measured_by(results):
+        lines += [_machine(machine), ""]
     for name, record in results["experiments"].items():
         lines += [f"## {name}: {_escaped(record['title'])}", ""]
         lines += [f"{_escaped(note)}\n" for note in record["notes"]]
         lines += [*_tables(record), *_verdicts(record), ""]
     return "\n".join(lines)
+
+
+def _machine(machine: Mapping[str, Any]) -> str:
+    whose = ", ".join(machine["experiments"])
+    return f"manip3d {machine['manip3d']}, {machine['cpu']}, {machine['os']}: {whose}"
 
 
 def _escaped(text: str) -> str:

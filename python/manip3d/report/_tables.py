@@ -1,10 +1,10 @@
-"""Tables of an experiment's rows, independent of the format of the report."""
+"""Tables of an experiment's rows, and what measured them, independent of the report's format."""
 
 from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -89,6 +89,20 @@ def tables(record: Mapping[str, Any]) -> list[Table]:
     for row in record["rows"]:
         parts.setdefault(str(row.get(key, "")) if key else "", []).append(row)
     return [_table(title, rows, record["columns"]) for title, rows in parts.items()]
+
+
+def measured_by(results: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
+    """Yield each environment in which rows were measured, with the ids of their experiments.
+
+    If all cases failed, it is the environment of the run.
+    """
+    records = results["experiments"]
+    for name, environment in results["environments"].items():
+        measured = [each for each, record in records.items() if name in record["environments"]]
+        if measured:
+            yield {**environment, "experiments": measured}
+    if not any(record["environments"] for record in records.values()):
+        yield {**results["environment"], "experiments": list(records)}
 
 
 def _table(title: str, rows: Sequence[Row], columns: Sequence[Mapping[str, Any]]) -> Table:
