@@ -7,6 +7,7 @@ import json
 import re
 import resource
 import shutil
+import sys
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -372,6 +373,43 @@ def test_pictures_of_another_size_than_the_calibration_are_told(drive: Path) -> 
     assert {each["verdict"] for each in told} == {"undecidable"}
     assert "expected 640 x 160 pixels, as the calibration says, got 320 x 80" in told[0]["reason"]
     assert "the cameras could not judge 3 of 3 frames: unreadable: " in done.stderr
+
+
+@pytest.mark.parametrize("module", ["cv2", "PIL"])
+def test_without_the_extra_the_cameras_are_absent_and_the_rest_judges(
+    drive: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, module: str
+) -> None:
+    """A drive with pictures was not judged at all: neither its watermark nor its points."""
+    with_cameras(drive)
+    key, signed = tmp_path / "a.key", tmp_path / "signed"
+    assert CliRunner().invoke(app, ["watermark", "keygen", str(key)]).exit_code == 0
+    embedded(drive, key, signed)
+    assert list(signed.glob("image_0*/data/*.png"))
+    forged(signed, 1)
+    for name in [name for name in sys.modules if name.partition(".")[0] == module]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, module, None)
+    done = CliRunner().invoke(app, ["alert", "run", str(signed), "--key", str(key), "--json"])
+    assert done.exit_code == 3, done.output
+    frames = json.loads(done.stdout)["frames"]
+    assert [frame["verdict"] for frame in frames] == ["authentic", "tampered", "authentic"]
+    for frame in frames:
+        told = frame["witnesses"]["cross-modal"]
+        assert (told["verdict"], told["reason"]) == (
+            "absent",
+            "needs the extra alert (pip install 'manip3d[alert]')",
+        )
+    assert "the cameras could not judge 3 of 3 frames: needs the extra alert" in done.stderr
+
+
+def test_pictures_in_memory_are_left_out_without_the_extra(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setitem(sys.modules, "cv2", None)
+    done = CliRunner().invoke(app, ["alert", "run", "sim:street", "--frames", "1", "--json"])
+    (frame,) = json.loads(done.stdout)["frames"]
+    assert frame["witnesses"]["cross-modal"]["verdict"] == "absent"
+    assert frame["witnesses"]["forensics"]["verdict"] != "absent"
 
 
 def test_cameras_without_a_calibration_silence_no_other_witness(drive: Path) -> None:

@@ -11,13 +11,14 @@ from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from manip3d._util.checked import checked
+from manip3d._util.mappings import ReadOnlyMapping
 from manip3d._util.texts import counted
 from manip3d.authenticate._alert import AlertMonitor
 from manip3d.authenticate._alert_tally import AlertTally
-from manip3d.authenticate._alert_verdict import Alert
+from manip3d.authenticate._alert_verdict import Alert, WitnessReport
 from manip3d.authenticate._risk import is_plausible
 from manip3d.authenticate._stereo import StereoRig
-from manip3d.errors import Error, InputError
+from manip3d.errors import Error, InputError, MissingExtraError
 from manip3d.lidar import LidarFrame
 
 TURN_S = 0.1
@@ -51,6 +52,9 @@ class DriveMoment(NamedTuple):
         the pictures (key ``cross-modal``). These checks are then ``undecidable``.
     name : str
         Name of the scan, such as that of its file, for `Alert`; empty: its time is taken.
+    blind : str
+        Reason why the pictures of this frame are not read by anyone on this computer, such as a
+        package that is not installed; the cameras are then ``absent``, and this is their reason.
     """
 
     frame: LidarFrame | str
@@ -62,6 +66,7 @@ class DriveMoment(NamedTuple):
     carrier: Any = None
     unread: Mapping[str, str] = MappingProxyType({})
     name: str = ""
+    blind: str = ""
 
 
 class WatchedDrive(NamedTuple):
@@ -253,7 +258,7 @@ def _judged(
             monitor.judge, moment.frame, speed_mps=abs(ahead) if math.isfinite(ahead) else speed,
             motion=motion, time_s=now, waited_s=waited,
         )  # fmt: skip
-        yield _with_scan(_judged_without_refused(judge, moment), moment)
+        yield _with_scan(_judged_if_seen(judge, moment), moment)
 
 
 def _with_scan(alert: Alert, moment: DriveMoment) -> Alert:
@@ -273,6 +278,30 @@ def _judged_unread(
         if moment.carrier is None:
             raise
         return judge(f"{why}; {error}")
+
+
+def needs_extra(extra: str) -> str:
+    """Return why cameras are absent that only an extra can compare with the LiDAR."""
+    return f"needs the extra {extra} (pip install 'manip3d[{extra}]')"
+
+
+def _judged_if_seen(judge: Callable[..., Alert], moment: DriveMoment) -> Alert:
+    """The alert of a scan; without the package that compares them, its pictures are left out.
+
+    Watermark and forensics do not need that package, so that they judge all the same.
+    """
+    why = moment.blind
+    try:
+        alert = _judged_without_refused(judge, moment)
+    except MissingExtraError as error:
+        if moment.pictures is None and not moment.pairs:
+            raise
+        why = needs_extra(error.extra)
+        alert = _judged_without_refused(judge, moment._replace(pictures=None, pairs=None))
+    if not why:
+        return alert
+    told = {**alert.witnesses, "cross-modal": WitnessReport("absent", why)}
+    return replace(alert, witnesses=ReadOnlyMapping(told))
 
 
 def _judged_without_refused(judge: Callable[..., Alert], moment: DriveMoment) -> Alert:

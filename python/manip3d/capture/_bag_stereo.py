@@ -15,6 +15,7 @@ from manip3d._util.linear import product
 from manip3d._util.paths import path_of
 from manip3d._util.times import SECOND_NS
 from manip3d.authenticate import TURN_S, DriveMoment, StereoRig, WatchedDrive, read_rigs
+from manip3d.authenticate._watch import needs_extra
 from manip3d.capture._bag import (
     BagMessage,
     BagPicture,
@@ -25,7 +26,7 @@ from manip3d.capture._bag import (
 )
 from manip3d.capture._bag_pictures import decoded, pose_of
 from manip3d.capture._lidar import LidarSource, expect_scans, open_unlabelled
-from manip3d.errors import Error, FormatError, InputError
+from manip3d.errors import Error, FormatError, InputError, MissingExtraError
 from manip3d.lidar import LidarFrame
 
 if TYPE_CHECKING:
@@ -85,9 +86,9 @@ def watched_recording(
     -------
     manip3d.authenticate.WatchedDrive
         The scans, each with its pair of pictures if there is one. If a picture cannot be decoded,
-        its moment states the reason in ``unread``; a missing package raises an error when that
-        moment is reached. If the message of a picture is damaged, the scans without a pair that
-        it may belong to state the reason, and a `FormatError` follows after the last scan.
+        its moment states the reason in ``unread``, or in ``blind`` if a package is missing. If the
+        message of a picture is damaged, the scans without a pair that it may belong to state the
+        reason, and a `FormatError` follows after the last scan.
 
     Raises
     ------
@@ -416,11 +417,13 @@ def _seconds(scan: LidarFrame | UnreadCloud) -> float | None:
 
 def _moment(scan: LidarFrame, pair: _Pair | None = None, why_none: str = "") -> DriveMoment:
     """Return a scan with its decoded pictures, or with the reason why they cannot be read."""
-    time_s, pictures = _seconds(scan), None
+    time_s, pictures, blind = _seconds(scan), None, ""
     if pair is not None:
         try:
             pictures = (decoded(pair.left), decoded(pair.right))
         except FormatError as error:
             why_none = str(error)
+        except MissingExtraError:
+            blind = needs_extra("alert")
     unread = {"cross-modal": f"unreadable: {why_none}"} if why_none else {}
-    return DriveMoment(scan, pictures, time_s=time_s, unread=unread)
+    return DriveMoment(scan, pictures, time_s=time_s, unread=unread, blind=blind)

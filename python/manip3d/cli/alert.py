@@ -246,7 +246,7 @@ class _FrameLog:
         """Add the next frame."""
         self._view.show(alert)
         cameras = alert.witnesses["cross-modal"]
-        if cameras.verdict == "undecidable":
+        if cameras.verdict == "undecidable" or "needs the extra" in cameras.reason:
             if self.num_blind == 0:
                 self.why_blind = cameras.reason
             self.num_blind += 1

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from manip3d._util.checked import checked
+from manip3d._util.extras import missing_modules
 from manip3d._util.paths import path_of
 from manip3d._util.times import SECOND_NS
 from manip3d.authenticate import (
@@ -22,6 +23,7 @@ from manip3d.authenticate import (
     read_rigs,
 )
 from manip3d.authenticate._stereo import checked_pair
+from manip3d.authenticate._watch import needs_extra
 from manip3d.authenticate._watermark_files import scans_to_read, scans_to_watch
 from manip3d.datasets.kitti import KittiFrame, open_kitti
 from manip3d.errors import FormatError, InputError
@@ -42,6 +44,8 @@ class _Wanted(NamedTuple):
     """Width and height of the pictures for which the calibration is valid; None: not stated."""
     around: Mapping[str, tuple[int, int]]
     note: Callable[[str], object] | None
+    blind: str
+    """Why no pictures can be compared on this computer; empty: they can."""
 
 
 @checked
@@ -81,7 +85,7 @@ def watched_kitti(
     -------
     manip3d.authenticate.WatchedDrive
         The drive. If a part of a frame cannot be read, only its own moment lacks that part, and
-        states the reason.
+        states the reason. Without the extra ``alert`` no pictures are read.
 
     Raises
     ------
@@ -130,6 +134,7 @@ def watched_kitti(
         size,
         {name: (left, right) for name, (_, left, right) in around.items()},
         note,
+        needs_extra("alert") if missing_modules("alert") else "",
     )
     return WatchedDrive(cameras, (_moment(frame, wanted) for frame in chosen), len(chosen))
 
@@ -141,6 +146,10 @@ def _front_pair(frames: Sequence[KittiFrame]) -> tuple[int, int] | None:
 
 def _moment(frame: KittiFrame, wanted: _Wanted) -> DriveMoment:
     """Return a frame with the content of its files, and the reasons why some cannot be read."""
+    pairs_wanted = filter(None, (wanted.front, *wanted.around.values()))
+    if wanted.blind and any(set(pair) <= set(frame.images) for pair in pairs_wanted):
+        blindfold = wanted._replace(front=None, around={}, blind="")
+        return _moment(frame, blindfold)._replace(blind=wanted.blind)
     unread: dict[str, str] = {}
     record, carrier, why = None, None, ""
     if wanted.records:
