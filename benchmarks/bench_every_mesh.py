@@ -4,7 +4,8 @@
 
 All methods get the mesh welded and without exact duplicates; targets are fractions of the number
 of faces as read. Each peer runs in one process per mesh, pinned to one core. Stored results of
-other meshes and peers are kept, so that after a change of manip3d only its own rows need to run.
+other meshes and peers are kept, so that after a change of manip3d only its own rows need to run. As
+long as some mesh or peer has no row in them, the tables are printed and the page stays as it is.
 """
 
 from __future__ import annotations
@@ -100,6 +101,10 @@ def main() -> None:
         kept = [row for row in results["rows"] if (row["mesh"], row["peer"]) not in new]
         results = {"environment": environment(), "rows": kept + rows}
         options.output.write_text(json.dumps(results, indent=1) + "\n")
+    if missing := tables.missing_of_every_mesh(results, models.names_of_every_mesh()):
+        print(tables.every_mesh(results))
+        print(f"not written to the page: no complete rows of {', '.join(missing)}", file=sys.stderr)
+        return
     tables.write_every_mesh(results)
 
 

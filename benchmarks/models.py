@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -138,6 +139,12 @@ WILD = (
     "igl_truck.obj.xz",
 )
 """Files of ``meshes/wild`` in the data folder, on which the published method failed."""
+
+
+def names_of_every_mesh() -> list[str]:
+    """Return the names of all meshes of `every_mesh`, whether their files are here or not."""
+    registered = [name for name, found in datasets.registry().items() if found.kind == "mesh"]
+    return [*registered, *(Path(path).name.partition(".")[0] for path in WILD)]
 
 
 def every_mesh() -> dict[str, Callable[[], Mesh]]:

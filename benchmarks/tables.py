@@ -264,6 +264,12 @@ def write_every_mesh(results: Row) -> None:
     write_section("every_mesh", every_mesh(results))
 
 
+def missing_of_every_mesh(results: Row, meshes: Iterable[str]) -> list[str]:
+    """Return the meshes of which the results have no row of manip3d or of a peer."""
+    ran = {(row["mesh"], row["peer"]) for row in results["rows"]}
+    return [mesh for mesh in meshes if not {(mesh, p) for p in EVERY_MESH_PEERS} <= ran]
+
+
 def every_mesh(results: Row) -> str:
     """Return the aims with their verdicts, all cases, and the cases that are worse than a peer."""
     by_case: dict[tuple[str, float], list[Row]] = {}
@@ -319,12 +325,15 @@ def _every_mesh_aims(cases: list[Row]) -> str:
     judged = [case for case in cases if case["judged"]]
 
     def share(of: list[bool]) -> str:
-        return f"{sum(of)} of {len(of)}, {100.0 * sum(of) / max(1, len(of)):.1f} %"
+        return f"{sum(of)} of {len(of)}, {100.0 * sum(of) / len(of):.1f} %" if of else "–"
 
     body = []
 
     def aim(words: str, of: list[bool], least: float) -> None:
-        holds = sum(of) >= least * len(of) and bool(of)
+        if not of:
+            body.append([words, "–", "–"])
+            return
+        holds = sum(of) >= least * len(of)
         body.append([words, share(of), "holds" if holds else "**does not hold**"])
 
     def factors(what: str) -> list[float]:
