@@ -661,6 +661,24 @@ def test_view_refuses_other_kinds(torus: Path, tmp_path: Path) -> None:
 # --- Experiments --------------------------------------------------------------------------------
 
 
+def test_values_that_only_the_command_can_judge_are_errors_of_input(tmp_path: Path) -> None:
+    mesh = tmp_path / "a.off"
+    mesh.write_text("OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n")
+    for order, exit_code, code in (
+        (("simplify", mesh, "--faces", 0, "-o", tmp_path / "b.off"), 2, "usage"),
+        (("simplify", mesh, "--ratio", 1.5, "-o", tmp_path / "b.off"), 1, "input"),
+        (("simplify", mesh, "--ratio", 0.5, "-o", tmp_path / "b.foo"), 1, "input"),
+        (
+            ("depth", mesh, "--points", 50, "--intrinsics", "nosuch", "-o", tmp_path / "b.glb"),
+            1,
+            "input",
+        ),
+    ):
+        done = manip3d(*order, "--json")
+        assert done.returncode == exit_code
+        assert json.loads(done.stdout)["error"]["code"] == code
+
+
 def test_reproduce_lists_what_is_missing(tmp_path: Path) -> None:
     here = {"MANIP3D_DATA": str(tmp_path), "MANIP3D_CACHE": str(tmp_path / "cache")}
     records = json.loads(manip3d("reproduce", "--list", "--json", **here).stdout)

@@ -231,6 +231,37 @@ def test_counts_of_the_published_files(realdata: RealData, tmp_path: Path) -> No
     assert [verdict["word"] for verdict in verdicts] == ["holds", "holds"]
 
 
+def counts_row(model: str, data: str, faces: int = 4) -> Row:
+    """A counted row of table 2.1 or 3.1."""
+    counts = {"faces": faces, "vertices": 4, "boundary_edges": 0}
+    printed = {f"published_{name}": value for name, value in (counts | {"faces": 4}).items()}
+    return {"model": f"file of {model}", "stands_in_for": model, "data": data, **counts, **printed}
+
+
+@pytest.mark.parametrize(
+    ("table", "first", "second"),
+    [("table-2.1", "RockerArm", "Head"), ("table-3.1", "Bunny", "Buddha")],
+)
+def test_a_claim_about_two_files_does_not_hold_for_one_of_them(
+    table: str, first: str, second: str
+) -> None:
+    """With RockerArm alone it held that RockerArm and Head are the published files."""
+    claim = registry()[table].claims[0]
+    both = [counts_row(first, "published"), counts_row(second, "published")]
+    assert claim.verdict(both).word == "holds"
+    for rows in (both[:1], [both[0], counts_row(second, "simulated")]):
+        verdict = claim.verdict(rows)
+        assert (verdict.word, verdict.holds) == ("undecided", None)
+        found = {finding.subject: finding.unjudged for finding in verdict.findings}
+        assert found == {
+            f"file of {first}": "", second: "the published file is not in this run",
+        }  # fmt: skip
+    wrong = [*both[:1], counts_row(second, "published", faces=5)]
+    assert claim.verdict(wrong).word == "does not hold"
+    none = [counts_row(first, "simulated"), counts_row(second, "stand-in")]
+    assert claim.verdict(none).word == "not applicable"
+
+
 def frame_row(models: int, method: str, polygons: int, ms: float | None) -> Row:
     """A measured row of table 2.5."""
     return {
@@ -267,9 +298,10 @@ def test_table_2_5_judges_time_against_polygons() -> None:
         frame_row(6, "QEM_BP", 130_000, 17.0),
         frame_row(6, "QEM_4VR", 48_000, 16.0),
     ]
-    assert words(claims, rows) == ["holds", "holds", "reported"]
+    simulated = "holds on simulated data"
+    assert words(claims, rows) == [simulated, simulated, "reported"]
     rows[2]["ms"] = 18.0
-    assert words(claims, rows) == ["holds", "undecided", "reported"]
+    assert words(claims, rows) == [simulated, "undecided", "reported"]
     nobody = [row | {"ms": None} for row in rows]
     assert words(claims, nobody) == ["not applicable", "not applicable", "not applicable"]
 
