@@ -15,7 +15,7 @@ import sys
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import dataclass, replace
+from dataclasses import KW_ONLY, dataclass, replace
 from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 
@@ -58,18 +58,18 @@ class Many:
     noun : str
         Word for one source in messages.
     find : callable
-        Function that lists the sources; default: `manip3d.batch.find_files`.
+        Function that lists the sources, such as `manip3d.batch.find_files`.
     whole : sequence of str
         Kinds of folders (`kinds.kind_of`) that are a single source, named or within a folder.
     """
 
     suffixes: Sequence[str]
-    to: str = ""
-    writable: Sequence[str] = ()
-    otherwise: str = ""
-    noun: str = "file"
-    find: Callable[..., list[SourceFile]] | None = None
-    whole: Sequence[str] = ()
+    to: str
+    writable: Sequence[str]
+    otherwise: str
+    noun: str
+    find: Callable[..., list[SourceFile]]
+    whole: Sequence[str]
 
     def files(self, sources: Sequence[str]) -> list[SourceFile]:
         """Return the files that the sources refer to.
@@ -81,11 +81,9 @@ class Many:
         OSError
             A source does not exist.
         """
-        from manip3d.batch import find_files
-
         if self.to and self.to not in self.writable:
             raise InputError(f"--to: expected one of {', '.join(self.writable)}, got {self.to}")
-        find = functools.partial(self.find or find_files, suffixes=self.suffixes)
+        find = functools.partial(self.find, suffixes=self.suffixes)
         if not self.whole:
             return find(sources)
         found: dict[str, SourceFile] = {}
@@ -179,47 +177,19 @@ class Many:
         return str(path.with_name(stem + new)) if new else relative
 
 
-def over_files(
-    suffixes: Callable[[], Sequence[str]],
-    *,
-    argument: str = "source",
-    writable: Callable[[], Sequence[str]] = tuple,
-    otherwise: str = "",
-    prepare: Callable[[list[SourceFile], dict[str, Any]], Mapping[str, Mapping[str, Any]]]
-    | None = None,
-    drives: bool = False,
-    whole: Sequence[str] = (),
-    has_to: bool = True,
-    depends: Callable[[Mapping[str, Any]], str] = lambda options: "",
-    finish: Callable[[Summary, str], object] = lambda summary, output: None,
-    finished: str = "",
-    choose: Callable[[list[SourceFile]], list[SourceFile]] = list,
-    skipped_code: int = 0,
-    exit_code: Callable[[Sequence[Mapping[str, Any]], Mapping[str, Any]], int] | None = None,
-    columns: Sequence[str] = (),
-    check: Callable[[Mapping[str, Any]], object] = lambda options: None,
-    beside: Callable[[str], Sequence[Path]] = lambda source: (),
-    resumes: bool = True,
-    together: Callable[[list[str], dict[str, Any]], bool] = lambda sources, options: False,
-    in_order: Callable[[Mapping[str, Any]], AbstractContextManager[object] | None] = (
-        lambda options: None
-    ),
-    across: Callable[[list[dict[str, Any]]], object] = lambda rows: None,
-    find: Callable[..., list[SourceFile]] | None = None,
-    sentence: Callable[[Sequence[Mapping[str, Any]]], str] = lambda rows: "",
-    may_be_frames: bool = False,
-) -> Callable[[Verb], Verb]:
+@dataclass(frozen=True)
+class over_files:  # a decorator: lower case, like functools.cached_property
     """Make a verb for one file (and ``output``) a verb for many files.
 
-    Parameters
+    Attributes
     ----------
-    argument : str
-        The verb's argument that takes several files.
     suffixes, writable : callable
         Return the attributes of `Many`; they are called when a command runs.
+    argument : str
+        The verb's argument that takes several files.
     otherwise : str
         See `Many`.
-    prepare : callable(files, options), optional
+    prepare : callable(files, options)
         Returns options of single files by their names; it may also change the common options. The
         option `SKIPPED` names the kind of a file that is left out.
     drives : bool
@@ -239,13 +209,13 @@ def over_files(
         Returns the files that are sources themselves, without files that belong to another source.
     skipped_code : int
         Exit code of a file that is skipped because the verb does not take its kind.
-    exit_code : callable(rows, options) -> int, optional
+    exit_code : callable(rows, options) -> int
         Exit code of all rows together; default: the most serious one. Rows of files that failed
         have an ``error``, and count as 1.
     columns : sequence of str
         Columns that are printed for people, if any row has them; the table and ``--json`` hold all
         columns. Empty: all columns are printed, as CSV.
-    check : callable(options), optional
+    check : callable(options)
         Refuses options that are wrong for every file, before files are searched.
     beside : callable(source) -> sequence of Path
         Files that the verb reads with a source, other than those to which a mesh or a scan refers
@@ -253,17 +223,17 @@ def over_files(
         a row is made again when an input changes.
     resumes : bool
         Whether rows of an earlier run are used again; False if results must be current.
-    together : callable(sources, options) -> bool, optional
+    together : callable(sources, options) -> bool
         Makes one result of all files if the options ask for it, and returns whether it did;
         ``options["shared"]`` names those of ``--table``, ``--dask`` and ``--to`` that are given.
-    in_order : callable(options) -> context manager or None, optional
+    in_order : callable(options) -> context manager or None
         Returns a context if each file depends on earlier ones: all files are then processed anew,
         in order and in this process, within the context. None: files are independent. Options are
         those of ``together``, as ``prepare`` left them.
     across : callable(rows)
         Adds values to rows that result from comparing them, before they are printed.
     find : callable, optional
-        See `Many`.
+        See `Many`; default: `manip3d.batch.find_files`.
     sentence : callable(rows) -> str
         Returns a sentence on all files together, which is printed for people; empty: none.
     may_be_frames : bool
@@ -272,85 +242,275 @@ def over_files(
         removed with ``--force``.
     """
 
-    def decorate(verb: Verb) -> Verb:
-        several = _SEVERAL_DRIVES if drives else _SEVERAL_FILES
-        signature = _signature(verb, argument, several, has_to=has_to, resumes=resumes)
-        has_jobs = "jobs" in inspect.signature(verb).parameters
+    suffixes: Callable[[], Sequence[str]]
+    _: KW_ONLY
+    argument: str = "source"
+    writable: Callable[[], Sequence[str]] = tuple
+    otherwise: str = ""
+    prepare: Callable[[list[SourceFile], dict[str, Any]], Mapping[str, Mapping[str, Any]]] = (
+        lambda files, options: {}
+    )
+    drives: bool = False
+    whole: Sequence[str] = ()
+    has_to: bool = True
+    depends: Callable[[Mapping[str, Any]], str] = lambda options: ""
+    finish: Callable[[Summary, str], object] = lambda summary, output: None
+    finished: str = ""
+    choose: Callable[[list[SourceFile]], list[SourceFile]] = list
+    skipped_code: int = 0
+    exit_code: Callable[[Sequence[Mapping[str, Any]], Mapping[str, Any]], int] = (
+        lambda rows, options: _gravest(rows)
+    )
+    columns: Sequence[str] = ()
+    check: Callable[[Mapping[str, Any]], object] = lambda options: None
+    beside: Callable[[str], Sequence[Path]] = lambda source: ()
+    resumes: bool = True
+    together: Callable[[list[str], dict[str, Any]], bool] = lambda sources, options: False
+    in_order: Callable[[Mapping[str, Any]], AbstractContextManager[object] | None] = (
+        lambda options: None
+    )
+    across: Callable[[list[dict[str, Any]]], object] = lambda rows: None
+    find: Callable[..., list[SourceFile]] | None = None
+    sentence: Callable[[Sequence[Mapping[str, Any]]], str] = lambda rows: ""
+    may_be_frames: bool = False
+
+    def __call__(self, verb: Verb) -> Verb:
+        """Return the command: the verb for one file or for many, with the options of many files."""
+        signature = _signature(verb, self)
 
         @functools.wraps(verb)
         def command(**given: Any) -> None:
-            from manip3d._util.fingerprint import presentation_fingerprint
-
-            sources: list[str] = given.pop(argument)
-            # An unset variable of a script gives "", which would mean the current folder.
-            if "" in sources:
-                raise InputError(f"{argument}: expected a file, a folder or an address, got ''")
-            to, table, dask = given.pop("to", ""), given.pop("table"), given.pop("dask")
-            jobs = given["jobs"] if has_jobs else given.pop("jobs")
-            shared = {"table": table, "dask": dask, "to": to}
-            asked = {"shared": [n for n, v in shared.items() if v]}
-            if together(sources, given | asked):
-                return
-            if not (table or dask or to) and _is_one(sources):
-                _one(verb, argument, sources[0], given)
-                return
-            check(given)
-            many = _kind_of_many(drives)(suffixes(), to, writable(), otherwise)
-            many = replace(many, whole=whole)
-            if find is not None:
-                many = replace(many, find=find)
-            found = many.files(sources)  # first, so that an empty folder is reported first
-            many.check_folder(sources, given.get("output"))
-            files = choose(found)
-            if not files:
-                raise InputError(f"{', '.join(sources)}: expected {many.noun}s, found none")
-            if given.get("output") is not None:
-                many.refuse_output(finished, files)
-            each = {} if prepare is None else prepare(files, given)
-            chain = in_order(given | asked)
-            also, options = depends(given), dict(given)
-            inputs = functools.partial(_inputs, given=options, each=each, beside=beside)
-            also = f"{also} {presentation_fingerprint()}".lstrip()  # rows depend on cli code, too
-            files = [replace(file, stamp=f"{file.stamp} {also}") for file in files]
-            work = {"module": verb.__module__, "verb": verb.__name__, "argument": argument,
-                    "skipped_code": skipped_code}  # fmt: skip
-            output = given.get("output")
-            earlier: list[Path] = []
-            if output is not None and may_be_frames:
-                from manip3d.batch._earlier import earlier_outputs, store_outputs
-
-                earlier = earlier_outputs(str(output), table)
-                if chain is not None and not given["force"]:
-                    skipped = {f.relative for f in files if SKIPPED in each.get(f.name, {})}
-                    names = [new for old, new in many.names(files).items() if old not in skipped]
-                    _refuse_others(earlier, Path(output), names)
-                if earlier:
-                    store_outputs(earlier, str(output), table)
-            with ended_like_ctrl_c(), chain or nullcontext():
-                summary = _many(
-                    work, files, given, many, each, table=table, dask=dask,
-                    jobs=jobs if chain is None else 1, columns=columns, inputs_of=inputs,
-                    resume=resumes and chain is None, across=across, sentence=sentence,
-                )  # fmt: skip
-            left = _not_written(earlier, summary.rows) if earlier else []
-            if chain is not None and given["force"]:
-                for path in left:
-                    path.unlink(missing_ok=True)
-            elif left:
-                shell = Terminal(as_json=options["as_json"], quiet=options["quiet"])
-                shell.say(f"{output}: keeps {_of_earlier(left)}, which this one did not make")
-            if output is not None:
-                finish(summary, str(output))
-            code = _gravest(summary.rows) if exit_code is None else exit_code(summary.rows, options)
-            _tell_failed(summary, many.noun, code)
-            if code:
-                raise typer.Exit(code)
+            self._command(verb, given)
 
         command.__signature__ = signature  # type: ignore[attr-defined]
         command.__annotations__ = {p.name: p.annotation for p in signature.parameters.values()}
         return command
 
-    return decorate
+    def _command(self, verb: Verb, given: dict[str, Any]) -> None:
+        """Run the verb on the one file, or on each of the many files, that the command names."""
+        sources: list[str] = given.pop(self.argument)
+        # An unset variable of a script gives "", which would mean the current folder.
+        if "" in sources:
+            raise InputError(f"{self.argument}: expected a file, a folder or an address, got ''")
+        has_jobs = "jobs" in inspect.signature(verb).parameters
+        batch = _BatchOptions(
+            to=given.pop("to", ""),
+            table=given.pop("table"),
+            dask=given.pop("dask"),
+            jobs=given["jobs"] if has_jobs else given.pop("jobs"),
+        )
+        if self.together(sources, given | batch.asked):
+            return
+        if not batch.asked["shared"] and _is_one(sources):
+            _one(verb, self.argument, sources[0], given)
+            return
+        _Run(self, verb, sources, given, batch).run()
+
+    def many(self, to: str) -> Many:
+        """Return the rules of files, with the suffix of ``--to``."""
+        from manip3d.batch import find_drives, find_files
+
+        return Many(
+            suffixes=self.suffixes(),
+            to=to,
+            writable=self.writable(),
+            otherwise=self.otherwise,
+            noun="source" if self.drives else "file",
+            find=self.find or (find_drives if self.drives else find_files),
+            whole=self.whole,
+        )
+
+
+@dataclass(frozen=True)
+class _BatchOptions:
+    """Options of every command for many files. An empty text is an option that is not given."""
+
+    to: str
+    table: str
+    dask: str
+    jobs: int
+
+    @property
+    def asked(self) -> dict[str, list[str]]:
+        """The option ``shared`` of `over_files`: names of the options that are given."""
+        return {"shared": [name for name in ("table", "dask", "to") if getattr(self, name)]}
+
+
+class _Run:
+    """One run of a verb over many files.
+
+    Parameters
+    ----------
+    rules : over_files
+    verb : callable
+    sources : sequence of str
+        Sources as they were given.
+    given : dict
+        All other options; changed by ``rules.prepare`` only.
+    batch : _BatchOptions
+    """
+
+    def __init__(
+        self,
+        rules: over_files,
+        verb: Verb,
+        sources: Sequence[str],
+        given: dict[str, Any],
+        batch: _BatchOptions,
+    ) -> None:
+        self._rules, self._verb, self._sources = rules, verb, sources
+        self._given, self._batch = given, batch
+        self._output = given.get("output")
+        self._shell = Terminal(as_json=given.get("as_json", False), quiet=given.get("quiet", False))
+
+    def run(self) -> None:
+        """Process the files, print their rows, and exit with the code of all of them.
+
+        Raises
+        ------
+        InputError
+            An option is wrong for every file, or there are no files.
+        Error
+            A file failed.
+        typer.Exit
+            The exit code is neither 0 nor that of a failure.
+        """
+        rules, given = self._rules, self._given
+        rules.check(given)
+        many = rules.many(self._batch.to)
+        files = self._files(many)
+        each = rules.prepare(files, given)
+        chain = rules.in_order(given | self._batch.asked)
+        files = self._stamped(files)
+        earlier = self._earlier(many, files, each, in_order=chain is not None)
+        with ended_like_ctrl_c(), chain or nullcontext():
+            summary = self._rows(many, files, each, in_order=chain is not None)
+        if earlier:
+            self._clear(_not_written(earlier, summary.rows), in_order=chain is not None)
+        if self._output is not None:
+            rules.finish(summary, str(self._output))
+        code = rules.exit_code(summary.rows, given)
+        _tell_failed(summary, many.noun, code)
+        if code:
+            raise typer.Exit(code)
+
+    def _files(self, many: Many) -> list[SourceFile]:
+        found = many.files(self._sources)  # first, so that an empty folder is reported first
+        many.check_folder(self._sources, self._output)
+        files = self._rules.choose(found)
+        if not files:
+            raise InputError(f"{', '.join(self._sources)}: expected {many.noun}s, found none")
+        if self._output is not None:
+            many.refuse_output(self._rules.finished, files)
+        return files
+
+    def _stamped(self, files: Sequence[SourceFile]) -> list[SourceFile]:
+        """Return the files with stamps that also change with what else decides on the rows."""
+        from manip3d._util.fingerprint import presentation_fingerprint
+
+        also = self._rules.depends(self._given)
+        also = f"{also} {presentation_fingerprint()}".lstrip()  # rows depend on cli code, too
+        return [replace(file, stamp=f"{file.stamp} {also}") for file in files]
+
+    def _earlier(
+        self,
+        many: Many,
+        files: Sequence[SourceFile],
+        each: Mapping[str, Mapping[str, Any]],
+        *,
+        in_order: bool,
+    ) -> list[Path]:
+        """Return the frames that an earlier run left in the output folder.
+
+        Frames of a sequence (``in_order``) that this run does not replace are refused without
+        ``--force``.
+        """
+        if self._output is None or not self._rules.may_be_frames:
+            return []
+        from manip3d.batch._earlier import earlier_outputs, store_outputs
+
+        output, table = str(self._output), self._batch.table
+        earlier = earlier_outputs(output, table)
+        if in_order and not self._given["force"]:
+            skipped = {f.relative for f in files if SKIPPED in each.get(f.name, {})}
+            names = [new for old, new in many.names(files).items() if old not in skipped]
+            _refuse_others(earlier, Path(output), names)
+        if earlier:
+            store_outputs(earlier, output, table)
+        return earlier
+
+    def _rows(
+        self,
+        many: Many,
+        files: Sequence[SourceFile],
+        each: Mapping[str, Mapping[str, Any]],
+        *,
+        in_order: bool,
+    ) -> Summary:
+        """Run the verb on each file and print the rows."""
+        from manip3d import batch
+
+        rules, given, shell = self._rules, self._given, self._shell
+        work = {
+            "module": self._verb.__module__,
+            "verb": self._verb.__name__,
+            "argument": rules.argument,
+            "skipped_code": rules.skipped_code,
+        }
+        options = {n: value for n, value in given.items() if n not in ("output", *_SHARED)}
+        failures = _Failures(shell, many.noun)
+        with shell.progress(self._verb.__name__) as progress:
+            summary = batch.run(
+                on_file,
+                files,
+                None if self._output is None else str(self._output),
+                options={**work, "options": options},
+                options_of=lambda file: {
+                    "named": file.is_named,
+                    "more": each.get(file.name, {}),
+                    "shown_as": file.name,
+                },
+                rename=many.names(files).__getitem__,
+                table=self._batch.table or None,
+                jobs=1 if in_order else self._batch.jobs,
+                dask=self._batch.dask,
+                overwrite=given.get("force", False),
+                resume=rules.resumes and not in_order,
+                inputs_of=lambda file: self._inputs(file, each.get(file.name, {})),
+                progress=progress,
+                on_error=failures.tell,
+            )
+        failures.tell_rest()
+        _tell_warnings(shell, summary.rows, many.noun)
+        rules.across(summary.rows)
+        if words := rules.sentence(summary.rows):
+            shell.say(words)
+        _tell(shell, summary, many.noun, rules.columns)
+        return summary
+
+    def _inputs(self, file: SourceFile, more: Mapping[str, Any]) -> list[str]:
+        """Return the files and folders that the verb reads in addition to the source.
+
+        ``more`` are the options of this file alone.
+        """
+        read = {name: value for name, value in self._given.items() if name not in _WRITTEN}
+        named = set(_texts([*read.values(), *more.values()]))
+        there = {name for name in named if is_url(name) or _is_there(name)}
+        found = [
+            *self._rules.beside(file.name),
+            *(path for name in (file.name, *there) for path in kinds.beside(name)),
+        ]
+        return sorted(there | {str(path) for path in found})
+
+    def _clear(self, left: Sequence[Path], *, in_order: bool) -> None:
+        """Remove the frames of an earlier run that are left, if this run may, else mention them."""
+        if in_order and self._given["force"]:
+            for path in left:
+                path.unlink(missing_ok=True)
+        elif left:
+            self._shell.say(
+                f"{self._output}: keeps {_of_earlier(left)}, which this one did not make"
+            )
 
 
 def _refuse_others(earlier: Sequence[Path], folder: Path, names: Iterable[str]) -> None:
@@ -384,14 +544,6 @@ def _not_written(earlier: Sequence[Path], rows: Sequence[Mapping[str, Any]]) -> 
     return [path for path in earlier if path not in written] if written else []
 
 
-def _kind_of_many(drives: bool) -> Callable[..., Many]:
-    if not drives:
-        return Many
-    from manip3d.batch import find_drives
-
-    return functools.partial(Many, noun="source", find=find_drives)
-
-
 _SEVERAL_FILES = "Several of them, folders, patterns and URLs are accepted, too."
 _SEVERAL_DRIVES = "Several of them, folders of drives, and patterns are accepted, too."
 
@@ -411,10 +563,10 @@ def with_defaults(verb: Verb, **defaults: Any) -> Verb:
     return command
 
 
-def _signature(
-    verb: Verb, name: str, more_of_them: str, *, has_to: bool, resumes: bool
-) -> inspect.Signature:
+def _signature(verb: Verb, rules: over_files) -> inspect.Signature:
     """Return the verb's signature with several sources and the options of many files."""
+    name = rules.argument
+    more_of_them = _SEVERAL_DRIVES if rules.drives else _SEVERAL_FILES
     hints = get_type_hints(verb, include_extras=True)
     parameters = {
         n: parameter.replace(annotation=hints[n])
@@ -427,12 +579,12 @@ def _signature(
     table: Any = Table
     if "output" in parameters:
         table = TableBesideOutputs
-        more |= {"to": (To, "")} if has_to else {}
+        more |= {"to": (To, "")} if rules.has_to else {}
         output = copy.copy(parameters["output"].annotation.__metadata__[0])
         output.parser, output.metavar = _path_or_url, output.metavar or "PATH"
         # Any, because typer would convert the parser's result to a Path.
         parameters["output"] = parameters["output"].replace(annotation=Annotated[Any, output])
-    more |= {"table": (table if resumes else TableOfNow, ""), "dask": (Dask, "")}
+    more |= {"table": (table if rules.resumes else TableOfNow, ""), "dask": (Dask, "")}
     for option, (annotation, default) in more.items():
         if option in parameters:
             parameters[option] = parameters[option].replace(annotation=annotation)
@@ -479,59 +631,6 @@ def _one(verb: Verb, argument: str, source: str, given: dict[str, Any]) -> None:
         raise typer.Exit(code)
 
 
-def _many(
-    work: Mapping[str, Any],
-    files: Sequence[SourceFile],
-    given: dict[str, Any],
-    many: Many,
-    each: Mapping[str, Mapping[str, Any]],
-    *,
-    table: str,
-    dask: str,
-    jobs: int,
-    columns: Sequence[str],
-    inputs_of: Callable[[SourceFile], Sequence[str]],
-    resume: bool,
-    across: Callable[[list[dict[str, Any]]], object],
-    sentence: Callable[[Sequence[Mapping[str, Any]]], str],
-) -> Summary:
-    """Run the verb on each file and print the rows."""
-    from manip3d import batch
-
-    shell = Terminal(as_json=given.get("as_json", False), quiet=given.get("quiet", False))
-    output = given.pop("output", None)
-    options = {name: value for name, value in given.items() if name not in _SHARED}
-    failures = _Failures(shell, many.noun)
-    with shell.progress(work["verb"]) as progress:
-        summary = batch.run(
-            on_file,
-            files,
-            None if output is None else str(output),
-            options={**work, "options": options},
-            options_of=lambda file: {
-                "named": file.is_named,
-                "more": each.get(file.name, {}),
-                "shown_as": file.name,
-            },
-            rename=many.names(files).__getitem__,
-            table=table or None,
-            jobs=jobs,
-            dask=dask,
-            overwrite=given.get("force", False),
-            resume=resume,
-            inputs_of=inputs_of,
-            progress=progress,
-            on_error=failures.tell,
-        )
-    failures.tell_rest()
-    _tell_warnings(shell, summary.rows, many.noun)
-    across(summary.rows)
-    if words := sentence(summary.rows):
-        shell.say(words)
-    _tell(shell, summary, many.noun, columns)
-    return summary
-
-
 class _Failures:
     """Prints why files failed, each reason once, and counts files with the same reason.
 
@@ -570,23 +669,9 @@ def _tell_warnings(shell: Terminal, rows: Sequence[Mapping[str, Any]], noun: str
 
 
 _SHARED = ("as_json", "quiet", "force", "jobs")
+"""Options of a verb that hold for the whole run; `on_file` gives them values of its own."""
 _WRITTEN = ("output", "log", "report", "rows", "state")
 """Options that are files which a verb writes. They are no inputs of its rows."""
-
-
-def _inputs(
-    file: SourceFile,
-    *,
-    given: Mapping[str, Any],
-    each: Mapping[str, Mapping[str, Any]],
-    beside: Callable[[str], Sequence[Path]],
-) -> list[str]:
-    """Return the files and folders that a verb reads in addition to the source."""
-    read = {name: value for name, value in given.items() if name not in _WRITTEN}
-    named = {name for name in _texts([*read.values(), *each.get(file.name, {}).values()])}
-    there = {name for name in named if is_url(name) or _is_there(name)}
-    found = [*beside(file.name), *(path for n in (file.name, *there) for path in kinds.beside(n))]
-    return sorted(there | {str(path) for path in found})
 
 
 def _texts(values: Iterable[Any]) -> Iterator[str]:
