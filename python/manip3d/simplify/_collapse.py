@@ -280,48 +280,53 @@ def faces_of_ratio(num_faces: int, ratio: float) -> int:
     return max(math.ceil(ratio), math.floor(ratio * num_faces))
 
 
-def stopping_rules(
-    mesh: Mesh,
-    target_faces: int | None,
-    ratio: float | None,
-    max_error: float | None,
-    max_distance: float | None,
-) -> tuple[int, float, float]:
-    """The face count, error and distance at which to stop; the first one reached stops."""
-    if mesh.num_faces == 0:
-        raise InputError("mesh: expected at least one face, got none")
-    if target_faces is None and ratio is None and max_error is None and max_distance is None:
-        raise InputError(
-            "target_faces, ratio, max_error or max_distance: expected at least one, got none"
+@dataclass(frozen=True)
+class StoppingRules:
+    """Targets of a simplification as they were given; the first one reached stops it."""
+
+    target_faces: int | None
+    ratio: float | None
+    max_error: float | None
+    max_distance: float | None
+
+    def limits(self, mesh: Mesh) -> tuple[int, float, float]:
+        """Return the number of faces, the error and the distance at which to stop.
+
+        Raises
+        ------
+        InputError
+            No rule is given, one is out of its range, or the mesh has no face.
+        """
+        if mesh.num_faces == 0:
+            raise InputError("mesh: expected at least one face, got none")
+        if self == StoppingRules(None, None, None, None):
+            raise InputError(
+                "target_faces, ratio, max_error or max_distance: expected at least one, got none"
+            )
+        targets = [0]
+        if self.target_faces is not None:
+            if self.target_faces < 0:
+                raise InputError(f"target_faces: expected >= 0, got {self.target_faces}")
+            targets.append(self.target_faces)
+        if self.ratio is not None:
+            targets.append(faces_of_ratio(mesh.num_faces, self.ratio))
+        return (
+            max(targets),
+            math.inf if self.max_error is None else self.max_error,
+            math.inf if self.max_distance is None else self.max_distance,
         )
-    targets = [0]
-    if target_faces is not None:
-        if target_faces < 0:
-            raise InputError(f"target_faces: expected >= 0, got {target_faces}")
-        targets.append(target_faces)
-    if ratio is not None:
-        targets.append(faces_of_ratio(mesh.num_faces, ratio))
-    return (
-        max(targets),
-        math.inf if max_error is None else max_error,
-        math.inf if max_distance is None else max_distance,
-    )
 
 
 def _simplify(
     mesh: Mesh,
     options: _core.QemOptions,
-    target_faces: int | None,
-    ratio: float | None,
-    max_error: float | None,
-    max_distance: float | None,
+    rules: StoppingRules,
+    *,
     quality_threshold: float,
     link_condition: LinkCondition,
     progress: Progress,
 ) -> SimplifyResult:
-    options.target_faces, options.max_error, options.max_distance = stopping_rules(
-        mesh, target_faces, ratio, max_error, max_distance
-    )
+    options.target_faces, options.max_error, options.max_distance = rules.limits(mesh)
     options.quality_threshold = quality_threshold
     options.link_condition = _LINK_CONDITIONS[link_condition]
     with reporting(progress, "simplify") as report:
@@ -434,13 +439,10 @@ def qem4vr(
     return _simplify(
         mesh,
         options,
-        target_faces,
-        ratio,
-        max_error,
-        max_distance,
-        quality_threshold,
-        link_condition,
-        progress,
+        StoppingRules(target_faces, ratio, max_error, max_distance),
+        quality_threshold=quality_threshold,
+        link_condition=link_condition,
+        progress=progress,
     )
 
 
@@ -448,10 +450,8 @@ def _baseline(
     mesh: Mesh,
     boundary: _core.BoundaryTerm,
     texture: _core.TextureTerm,
-    target_faces: int | None,
-    ratio: float | None,
-    max_error: float | None,
-    max_distance: float | None,
+    rules: StoppingRules,
+    *,
     quality_threshold: float,
     link_condition: LinkCondition,
     progress: Progress,
@@ -463,13 +463,10 @@ def _baseline(
     return _simplify(
         mesh,
         options,
-        target_faces,
-        ratio,
-        max_error,
-        max_distance,
-        quality_threshold,
-        link_condition,
-        progress,
+        rules,
+        quality_threshold=quality_threshold,
+        link_condition=link_condition,
+        progress=progress,
     )
 
 
@@ -515,13 +512,10 @@ def qem_orig(
         mesh,
         _core.BoundaryTerm.NONE,
         _core.TextureTerm.NONE,
-        target_faces,
-        ratio,
-        max_error,
-        max_distance,
-        quality_threshold,
-        link_condition,
-        progress,
+        StoppingRules(target_faces, ratio, max_error, max_distance),
+        quality_threshold=quality_threshold,
+        link_condition=link_condition,
+        progress=progress,
     )
 
 
@@ -568,13 +562,10 @@ def qem_bp(
         mesh,
         _BOUNDARIES[boundary],
         _core.TextureTerm.NONE,
-        target_faces,
-        ratio,
-        max_error,
-        max_distance,
-        quality_threshold,
-        link_condition,
-        progress,
+        StoppingRules(target_faces, ratio, max_error, max_distance),
+        quality_threshold=quality_threshold,
+        link_condition=link_condition,
+        progress=progress,
     )
 
 
@@ -621,13 +612,10 @@ def qem_tp(
         mesh,
         _core.BoundaryTerm.NONE,
         _core.TextureTerm.QUADRIC5,
-        target_faces,
-        ratio,
-        max_error,
-        max_distance,
-        quality_threshold,
-        link_condition,
-        progress,
+        StoppingRules(target_faces, ratio, max_error, max_distance),
+        quality_threshold=quality_threshold,
+        link_condition=link_condition,
+        progress=progress,
     )
 
 
@@ -673,13 +661,10 @@ def qem_btp(
         mesh,
         _BOUNDARIES[boundary],
         _core.TextureTerm.QUADRIC5,
-        target_faces,
-        ratio,
-        max_error,
-        max_distance,
-        quality_threshold,
-        link_condition,
-        progress,
+        StoppingRules(target_faces, ratio, max_error, max_distance),
+        quality_threshold=quality_threshold,
+        link_condition=link_condition,
+        progress=progress,
     )
 
 

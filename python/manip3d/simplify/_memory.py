@@ -14,7 +14,7 @@ from manip3d import _core
 from manip3d._util.memory import release_unused, resident_bytes, written_size
 from manip3d._util.options import reporting, sharing
 from manip3d.errors import InputError
-from manip3d.simplify._collapse import expect_surface, has_surface, stopping_rules
+from manip3d.simplify._collapse import StoppingRules, expect_surface, has_surface
 from manip3d.simplify._color_seams import has_color_seams
 from manip3d.simplify._parts import (
     CROSSING,
@@ -354,9 +354,8 @@ def simplify_within(
 ) -> QualityResult:
     """Simplify while the process uses at most `memory` bytes; see :func:`simplify`."""
     run: Callable[..., QualityResult] = quality if mode == "quality" else fast
-    target, error_limit, _ = stopping_rules(
-        mesh, target_faces, ratio, max_error, options.get("max_distance")
-    )
+    rules = StoppingRules(target_faces, ratio, max_error, options.get("max_distance"))
+    target, error_limit, _ = rules.limits(mesh)
     if not has_surface(mesh):
         expect_surface(0, mesh.num_faces)
     plan = _plan(mesh, mode, memory, target)

@@ -14,7 +14,7 @@ from manip3d._util.options import reporting
 from manip3d._util.showing import Showable
 from manip3d.errors import InputError
 from manip3d.mesh import Material, Mesh
-from manip3d.simplify._collapse import StopReason, clean, expect_surface, stopping_rules
+from manip3d.simplify._collapse import StoppingRules, StopReason, clean, expect_surface
 from manip3d.simplify._color_seams import color_seams
 
 if TYPE_CHECKING:
@@ -287,9 +287,8 @@ def quality(
     <manip3d.Mesh: 4 vertices, 2 faces>
     """
     options = _core.QualityOptions()
-    options.target_faces, options.max_error, options.max_distance = stopping_rules(
-        mesh, target_faces, ratio, max_error, max_distance
-    )
+    rules = StoppingRules(target_faces, ratio, max_error, max_distance)
+    options.target_faces, options.max_error, options.max_distance = rules.limits(mesh)
     options.boundary_weight = boundary_weight
     options.seam_weight = seam_weight
     options.texture_weight = texture_weight
@@ -407,9 +406,8 @@ def fast(
     <manip3d.Mesh: 4 vertices, 2 faces>
     """
     options = _core.FastOptions()
-    options.target_faces, options.max_error, _ = stopping_rules(
-        mesh, target_faces, ratio, max_error, None
-    )
+    rules = StoppingRules(target_faces, ratio, max_error, max_distance=None)
+    options.target_faces, options.max_error, _ = rules.limits(mesh)
     options.boundary_weight = boundary_weight
     options.seam_weight = seam_weight
     seams = color_seams(mesh)
