@@ -6,7 +6,7 @@ import functools
 import os
 import time
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -277,36 +277,58 @@ def from_image(
         words += f"; warning: {off}"
         doubt = f"{doubt}; {off}" if doubt else off
     depth = masked_depth(reading.depth, mask_image(maps.mask, reading.depth.shape))
-    made = from_depth(depth, camera, path, output, options, maps, take, words, reading.unit)
+    image = DepthInput(depth, camera, maps, path, reading.unit, words)
+    made = from_depth(image, output, options, take)
     return replace(made, depth_found=DepthFound.of(reading, doubt, camera))
 
 
-def from_depth(
-    depth: NDArray[Any],
-    camera: Intrinsics,
-    path: Path,
-    output: Path,
-    options: DepthOptions,
-    maps: Maps,
-    take: _Take,
-    words: str,
-    unit: str,
-    to_file: Callable[[NDArray[np.float64]], NDArray[np.float64]] | None = None,
-) -> DepthFileResult:
-    """Simplify an image in memory and write the mesh.
+@dataclass(frozen=True, eq=False)
+class DepthInput:
+    """A depth image in memory that is to become a mesh file.
 
-    ``path`` names the image in errors and in the result. ``words`` is the ``depth`` of the result.
-    ``to_file`` transforms vertices from the camera's frame to that of the file; by default they
-    stay in the camera's axes, or get +y up where the format has that.
+    Attributes
+    ----------
+    depth : (H, W) uint16 in millimetres or float32 in metres
+    camera : Intrinsics
+    maps : Maps
+    source : Path
+        Name of the image in errors and in the result.
+    unit : str
+        Unit in which the image was stored.
+    note : str
+        Sentence for the result, see `DepthFileResult.depth`.
+    to_file : callable or None
+        Transforms vertices from the camera's frame to that of the file; None: they stay in the
+        camera's axes, or get +y up where the format has that.
     """
-    is_y_up = writes_y_up(output)
+
+    depth: NDArray[Any]
+    camera: Intrinsics
+    maps: Maps
+    source: Path
+    unit: str
+    note: str = ""
+    to_file: Callable[[NDArray[np.float64]], NDArray[np.float64]] | None = None
+
+    def in_file(self, mesh: Mesh, output: Path) -> Mesh:
+        """Return a mesh of the camera's frame in the axes of its file."""
+        if self.to_file is not None:
+            return mesh.replace(vertices=self.to_file(mesh.vertices))
+        return with_y_up(mesh, self.camera) if writes_y_up(output) else mesh
+
+
+def from_depth(
+    image: DepthInput, output: Path, options: DepthOptions, take: _Take = frame_alone
+) -> DepthFileResult:
+    """Simplify an image in memory and write the mesh."""
+    camera, maps, note = image.camera, image.maps, image.note
     if registration := registration_of(maps.color, camera) if maps.registration is None else None:
         maps = replace(maps, registration=registration)
-        words += f"; {same_view_words(registration)}"
-    measured = Measured.of(depth > 0, is_masked=maps.mask is not None)
+        note += f"; {same_view_words(registration)}"
+    measured = Measured.of(image.depth > 0, is_masked=maps.mask is not None)
     options = options.for_pixels(measured.pixels)
     started = time.perf_counter()
-    uncut_of, last = take(depth, camera, options, maps)
+    uncut_of, last = take(image.depth, camera, options, maps)
     preparation = time.perf_counter() - started
 
     def make(points: int) -> Made:
@@ -318,24 +340,25 @@ def from_depth(
         simplified = uncut.surface.depth  # the image, or its mean over time
         if options.depth_step:
             found = cut_depth_steps(uncut, simplified, step=options.depth_step)
-        left, left_area = 0, 0.0
+        across, area = 0, 0.0
         if not options.depth_step and options.max_edge is None:
-            without = cut_depth_steps(uncut, simplified)
-            left = uncut.num_faces - without.num_faces
-            left_area = 1.0 - _area(without) / (_area(uncut) or 1.0) if left else 0.0
-        mesh = with_used_vertices(found.mesh)
-        if to_file is not None:
-            mesh = mesh.replace(vertices=to_file(mesh.vertices))
-        elif is_y_up:
-            mesh = with_y_up(mesh, camera)
+            across, area = _across_steps(uncut, simplified)
+        mesh = image.in_file(with_used_vertices(found.mesh), output)
         cut = max(0, uncut.num_faces - found.num_faces)
-        return Made(found, mesh, cut, seconds, faces_left=left, left_area=left_area)
+        return Made(found, mesh, cut, seconds, faces_across=across, area_across=area)
 
     made = write_simplified(
-        make, path, output, options, measured, has_steps=options.depth_step > 0, last=last
+        make, image.source, output, options, measured, has_steps=options.depth_step > 0, last=last
     )
     made = replace(made, seconds=made.seconds + preparation)
-    return result_of(path, output, options, made, measured, depth=words, unit=unit)
+    return result_of(image.source, output, options, made, measured, depth=note, unit=image.unit)
+
+
+def _across_steps(uncut: DepthSimplification, depth: NDArray[Any]) -> tuple[int, float]:
+    """Return the number of faces across depth steps, and their share of the area."""
+    without = cut_depth_steps(uncut, depth)
+    across = uncut.num_faces - without.num_faces
+    return across, 1.0 - _area(without) / (_area(uncut) or 1.0) if across else 0.0
 
 
 def _area(found: DepthSimplification) -> float:
@@ -418,7 +441,6 @@ def from_cloud(
         metres = reading.depth / (1000.0 if reading.depth.dtype == np.uint16 else 1.0)
         scale = float(np.median(stored[metres > 0] / metres[metres > 0]))  # file units per metre
         to_file = functools.partial(camera.to_file, unit=scale)
-    made = from_depth(
-        depth, camera.intrinsics, path, output, options, maps, take, words, reading.unit, to_file
-    )
+    image = DepthInput(depth, camera.intrinsics, maps, path, reading.unit, words, to_file)
+    made = from_depth(image, output, options, take)
     return replace(made, depth_found=DepthFound.of(reading, reading.doubt))

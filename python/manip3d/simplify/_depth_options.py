@@ -183,8 +183,8 @@ class DepthFileResult:
     source, output : Path
     options : DepthOptions
     depth : str
-        A sentence on the depth range and unit that were assumed, or on why an organised cloud is
-        no depth image; empty for scans.
+        No image but a sentence, on the depth range and unit that were assumed, or on why an
+        organised cloud is no depth image; empty for scans.
     unit : str
         The unit that was used; empty for scans.
     depth_found : DepthFound
@@ -197,7 +197,7 @@ class DepthFileResult:
     faces_cut : int
         Number of faces that were left out because they spanned a step in depth.
     faces_left : int
-        Number of faces across steps in depth (by `DEPTH_STEP`) that were kept because
+        Number of faces across steps in depth (by `DEPTH_STEP`) that were left in the mesh, because
         ``depth_step`` is 0 and there is no ``max_edge``.
     left_area : float
         Share of the mesh's area in these faces.

@@ -63,15 +63,19 @@ class Measured:
 
 @dataclass(frozen=True, eq=False)
 class Made:
-    """Result of a method, and the mesh to write; `DepthFileResult` explains the other fields."""
+    """Result of a method, and the mesh to write.
+
+    ``faces_across`` and ``area_across`` are ``faces_left`` and ``left_area`` of `DepthFileResult`,
+    which explains the other fields, too.
+    """
 
     found: DepthSimplification
     mesh: Mesh
     faces_cut: int
     seconds: float
     num_bytes: int | None = None
-    faces_left: int = 0
-    left_area: float = 0.0
+    faces_across: int = 0
+    area_across: float = 0.0
 
 
 def write_simplified(
@@ -230,8 +234,8 @@ def result_of(
         filled=found.filled,
         outside=found.outside,
         without_ray=found.surface.without_ray,
-        faces_left=made.faces_left,
-        left_area=made.left_area,
+        faces_left=made.faces_across,
+        left_area=made.area_across,
         dropped_pixels=getattr(found, "dropped_pixels", 0),
         filled_pixels=getattr(found, "filled_pixels", 0),
         unsure_pixels=getattr(found, "unsure_pixels", 0),

@@ -16,7 +16,7 @@ from manip3d._util.regular_files import open_regular
 from manip3d._util.reprs import short_repr
 from manip3d.errors import FormatError, InputError
 from manip3d.rgbd import RgbdFrame
-from manip3d.simplify._depth_files import frame_alone, from_depth
+from manip3d.simplify._depth_files import DepthInput, frame_alone, from_depth
 from manip3d.simplify._depth_inputs import Maps
 from manip3d.simplify._depth_options import DepthFileResult, DepthOptions
 from manip3d.simplify._depth_sequence import Smoothing
@@ -128,13 +128,9 @@ def simplify_recording(
             folder.mkdir(parents=True, exist_ok=True)
             name = f"{frame.number:06}"
             maps = Maps(frame.color, registration=frame.calibration.registration)
-            camera, place = frame.calibration.depth, folder / f"{name}{_SUFFIX}"
+            image = DepthInput(frame.depth, frame.calibration.depth, maps, Path(name), unit="mm")
             try:
-                done.append(
-                    from_depth(
-                        frame.depth, camera, Path(name), place, options, maps, take, "", "mm"
-                    )
-                )
+                done.append(from_depth(image, folder / f"{name}{_SUFFIX}", options, take))
             except FormatError as error:
                 failed[frame.number] = error.reason
             if report is not None:
