@@ -629,8 +629,78 @@ def _log10_p(kind: str, strength: float, points: int) -> float:
     return min(0.0, log)
 
 
+class _Suspects:
+    """Places of a frame that were tested for an edit, and those that are too improbable.
+
+    Parameters
+    ----------
+    points : (N, 3) float32
+        Points of the frame.
+    num_tests : int
+        Number of tests of a place, for which its p-value is corrected.
+    false_alarm_rate : float
+        Places whose corrected p-value is at most this are accused.
+
+    Attributes
+    ----------
+    log10_p, log10_p_corrected : list of float
+        log10 p-values of all tested places, alone and corrected.
+    regions : tuple of SuspectRegion
+        Accused places.
+    rows : (M,) int64
+        Rows of their points.
+    """
+
+    def __init__(
+        self, points: NDArray[np.float32], num_tests: int, false_alarm_rate: float
+    ) -> None:
+        self._points, self._false_alarm_rate = points, false_alarm_rate
+        self._log10_tests = math.log10(num_tests)
+        self.log10_p: list[float] = []
+        self.log10_p_corrected: list[float] = []
+        self.regions: tuple[SuspectRegion, ...] = ()
+        self.rows: NDArray[np.int64] = np.empty(0, np.int64)
+
+    def _corrected(self, log10_p: float) -> float:
+        """Record the p-value of a place, and return it corrected."""
+        corrected = min(0.0, self._log10_tests + log10_p)
+        self.log10_p.append(log10_p)
+        self.log10_p_corrected.append(corrected)
+        return corrected
+
+    def _is_accused(self, corrected: float) -> bool:
+        return bool(10.0**corrected <= self._false_alarm_rate)
+
+    def test_regions(self, found: Mapping[str, Any], rules: Mapping[str, str]) -> None:
+        """Test each region of the kernel's answer by its strongest kind of evidence."""
+        logs = [
+            self._corrected(
+                min(
+                    _log10_p(rules.get(kind, kind), strength, len(self._points))
+                    for kind, strength in zip(EVIDENCE, strengths, strict=True)
+                )
+            )
+            for strengths, _, _ in found["regions"]
+        ]
+        accused = [i for i, log in enumerate(logs) if self._is_accused(log)]
+        accused = _without_rests(found, accused)
+        self.regions = tuple(
+            _region(found["regions"][i], logs[i], _rows_of(found, i), found["flags"], self._points)
+            for i in sorted(accused, key=lambda i: (logs[i], i))
+        )
+        self.rows = np.flatnonzero(np.isin(found["region_of_point"], accused))
+
+    def test_together(self, kind: str, log10_p: float, places: Sequence[NDArray[np.int64]]) -> None:
+        """Test places by one p-value; if they are too improbable, each becomes a region."""
+        log = self._corrected(log10_p)
+        if self._is_accused(log):
+            new = (_region_of(rows, kind, log, log10_p, self._points) for rows in places)
+            self.regions = (*self.regions, *new)
+            self.rows = np.union1d(self.rows, np.concatenate(places))
+
+
 def _judged(
-    found: Mapping[str, Any],
+    answer: Mapping[str, Any],
     scan: LidarFrame,
     lattice: SensorLattice,
     tolerance: float,
@@ -641,55 +711,34 @@ def _judged(
     num_unjudged: int = 0,
     threads: int,
 ) -> GenericResult:
-    """Return the verdict on a frame from what the kernel found in it.
+    """Return the verdict on a frame from the kernel's answer.
 
     ``reading``: places of the points on an exact lattice. ``num_unjudged``: number of points off
-    all lines of an exact lattice that were not judged. ``best`` are log10 p-values of the regions
-    alone; ``logs`` allow for the number of kinds.
+    all lines of an exact lattice that were not judged.
     """
-    points, fewest = scan.num_points, 2
-    if lattice.is_exact:
-        found, fewest = _known_exactly(found), MIN_EXACT
+    found = _known_exactly(answer) if lattice.is_exact else answer
+    fewest = MIN_EXACT if lattice.is_exact else 2
     rules = {"time": "between"} if found["turns"] > 1 else {}
-    evidence = _evidence_reports(found, rules, points)
-    tests = math.log10(1 + sum(report.used for report in evidence.values()))
-    best = [
-        min(_log10_p(rules.get(k, k), s, points) for k, s in zip(EVIDENCE, strengths, strict=True))
-        for strengths, _, _ in found["regions"]
-    ]
-    logs = [min(0.0, tests + log) for log in best]
-    alarming = [i for i, log in enumerate(logs) if 10.0**log <= false_alarm_rate]
-    alarming = _without_rests(found, alarming)
-    regions = tuple(
-        _region(found["regions"][i], logs[i], _rows_of(found, i), found["flags"], scan.points)
-        for i in sorted(alarming, key=lambda i: (logs[i], i))
-    )
-    suspected = np.flatnonzero(np.isin(found["region_of_point"], alarming))
-
-    def accuse(kind: str, log: float, places: Sequence[NDArray[np.int64]]) -> None:
-        """Test the places together; if they are too improbable, each is a region."""
-        nonlocal regions, suspected
-        best.append(log)
-        logs.append(min(0.0, tests + log))
-        if 10.0 ** logs[-1] <= false_alarm_rate:
-            new = (_region_of(rows, kind, logs[-1], log, scan.points) for rows in places)
-            regions = (*regions, *new)
-            suspected = np.union1d(suspected, np.concatenate(places))
-
-    group = _scattered_group(found["flags"], scan.points, suspected, fewest)
+    evidence = _evidence_reports(found, rules, scan.num_points)
+    num_tests = 1 + sum(report.used for report in evidence.values())
+    suspects = _Suspects(scan.points, num_tests, false_alarm_rate)
+    suspects.test_regions(found, rules)
+    group = _scattered_group(found["flags"], scan.points, suspects.rows, fewest)
     limit, far_off = FAR_OFF * tolerance, (0.0, group[1][:0])
     if lattice.is_exact:
-        far_off = _count_far_off_exactly(found["flags"], scan, suspected, lattice, limit, threads)
+        far_off = _count_far_off_exactly(
+            found["flags"], scan, suspects.rows, lattice, limit, threads
+        )
     elif is_stated:
-        far_off = _count_far_off(found["flags"], scan.points, suspected, lattice, limit)
+        far_off = _count_far_off(found["flags"], scan.points, suspects.rows, lattice, limit)
     log, rows = min(group, far_off, key=lambda log_and_rows: log_and_rows[0])
-    accuse("scattered", log, (rows,))
+    suspects.test_together("scattered", log, (rows,))
     if reading is not None:
-        accuse("copied", *_copied(scan.points, reading, lattice, suspected))
+        suspects.test_together("copied", *_copied(scan.points, reading, lattice, suspects.rows))
     verdict = _quiet_verdict(evidence, found["directions"], is_stated)
     reason = IN_WORDS[verdict]
-    if regions:
-        verdict, reason = "tampered", _accusation(regions)
+    if suspects.regions:
+        verdict, reason = "tampered", _accusation(suspects.regions)
     elif lattice.is_exact and num_unjudged + len(far_off[1]) >= MIN_EXACT:
         verdict = "undecidable"
         few = FEW_FAR_OFF.format(num_unjudged + len(far_off[1]))
@@ -697,12 +746,12 @@ def _judged(
     return GenericResult(
         verdict=verdict,
         reason=reason,
-        p_value=10.0 ** min(logs, default=0.0),
-        score=abs(min(best, default=0.0)),
+        p_value=10.0 ** min(suspects.log10_p_corrected, default=0.0),
+        score=abs(min(suspects.log10_p, default=0.0)),
         false_alarm_rate=false_alarm_rate,
         evidence=evidence,
-        regions=regions,
-        suspected=suspected,
+        regions=suspects.regions,
+        suspected=suspects.rows,
         evidence_map=found["cells"].reshape(-1, _core.CELL_COLUMNS),
         lattice=lattice,
         scan=scan,
