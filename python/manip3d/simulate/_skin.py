@@ -68,7 +68,7 @@ class _Tube:
     tile: Tile
     segments: int
     centers: Array  # (R, 3)
-    radii: Array  # (R, 4): to -x, to +x, backwards (or down), ahead (or up)
+    radii: Array  # (R, 4): right (-x), left (+x), back (axis 2: down), ahead (axis 2: up)
     frames: NDArray[np.intp]  # (R, 2)
     weights: Array  # (R,): weight of the second frame
     bones: NDArray[np.intp]  # (R,)
@@ -297,6 +297,7 @@ def _cut(tube: _Tube, end: float) -> _Tube:
 
 
 def _joined(tubes: Sequence[_Tube]) -> Skin:
+    """Return one skin of all tubes, whose faces look outwards, also those of mirrored tubes."""
     faces, bones, limbs, tiles, texcoords, rings, offsets = [], [], [], [], [], [], []
     breaths = []
     limb_names = list(LIMBS)
@@ -378,11 +379,14 @@ def _offsets(tube: _Tube) -> Array:
 
 
 # --- Parts ------------------------------------------------------------------------------------
-# Columns of a table: position along the axis, half width, extent ahead, extent back; metres.
 
 
 def _rings(table: Sequence[tuple[float, ...]], spacing: float) -> Array:
-    """Interpolate a table about every ``spacing`` metres, and smooth it; the ends are kept."""
+    """Interpolate a table about every ``spacing`` metres, and smooth it; the ends are kept.
+
+    Columns, in metres: position along the axis, half width, extent ahead, extent back. Those of
+    `_shoe` differ.
+    """
     keys = np.array(table)
     steps = max(4, round(abs(keys[-1, 0] - keys[0, 0]) / spacing))
     place = np.linspace(0.0, 1.0, 4 * steps + 1)
@@ -394,6 +398,15 @@ def _rings(table: Sequence[tuple[float, ...]], spacing: float) -> Array:
     where = 0.5 - 0.5 * np.cos(np.pi * np.linspace(0.0, 1.0, steps + 1))
     where = 0.6 * np.linspace(0.0, 1.0, steps + 1) + 0.4 * where
     return np.column_stack([np.interp(where, place, column) for column in rows.T])
+
+
+def _radii(rings: Array, *, right: float = 1.0, left: float = 1.0) -> Array:
+    """Return the radii of a `_Tube`, which names the back before the front, unlike `_rings`.
+
+    ``right`` and ``left`` are factors on the half width at each side.
+    """
+    half_width, ahead, back = rings[:, 1:].T
+    return np.column_stack([right * half_width, left * half_width, back, ahead])
 
 
 def _blend(place: Array, joint: float, sign: float = -1.0, width: float = _BEND) -> Array:
@@ -419,6 +432,7 @@ def _chain(
 
 
 def _torso(girth: float) -> _Tube:
+    """Return trunk and neck, which bend at the waist and rise at the shoulders, with folds."""
     rows = _rings(
         [
             (-0.118, 0.012, 0.012, 0.012),
@@ -462,7 +476,7 @@ def _torso(girth: float) -> _Tube:
         "torso",
         56,
         _upright(place, 0.0),
-        np.column_stack([rows[:, 1], rows[:, 1], rows[:, 3], rows[:, 2]]) + fold[:, None],
+        _radii(rows) + fold[:, None],
         frames,
         weights,
         np.zeros(len(rows), np.intp),  # bones of the faces differ around a ring
@@ -504,7 +518,7 @@ def _neck_and_head() -> _Tube:
         "head",
         40,
         _upright(rows[:, 0], 0.0),
-        np.column_stack([rows[:, 1], rows[:, 1], rows[:, 3], rows[:, 2]]),
+        _radii(rows),
         frame,
         np.zeros(len(rows)),
         np.full(len(rows), 3),
@@ -537,6 +551,7 @@ def _nose_and_ears() -> list[_Tube]:
 
 
 def _arm(girth: float) -> list[_Tube]:
+    """Return the left arm down to the palm, and its fingers; the right arm is its mirror image."""
     x, top = REST_JOINTS[4, 0], REST_JOINTS[4, 1]
     rows = _rings(
         [
@@ -573,7 +588,7 @@ def _arm(girth: float) -> list[_Tube]:
         "arm",
         28,
         _upright(place, x),
-        np.column_stack([rows[:, 1], rows[:, 1], rows[:, 3], rows[:, 2]]),
+        _radii(rows),
         frames,
         weights,
         bones,
@@ -614,6 +629,7 @@ def _finger(
 
 
 def _leg(girth: float) -> list[_Tube]:
+    """Return the left leg, which is wider outwards than inwards, and its shoe."""
     x, top = REST_JOINTS[12, 0], REST_JOINTS[12, 1]
     rows = _rings(
         [
@@ -649,7 +665,7 @@ def _leg(girth: float) -> list[_Tube]:
         "leg",
         32,
         _upright(place, x),
-        np.column_stack([0.9 * rows[:, 1], 1.05 * rows[:, 1], rows[:, 3], rows[:, 2]]),
+        _radii(rows, right=0.9, left=1.05),
         frames,
         weights,
         bones,
@@ -659,8 +675,9 @@ def _leg(girth: float) -> list[_Tube]:
 
 
 def _shoe(x: float) -> _Tube:
+    """Return the left shoe, whose rings stand one behind the other from heel to toe."""
     ankle = REST_JOINTS[14, 1]
-    rows = _rings(  # position along z, half width, height of the upper side, height of the sole
+    rows = _rings(  # position along z, half width, heights of the upper side and of the sole
         [
             (-0.072, 0.008, -0.045, -0.060),
             (-0.068, 0.024, -0.015, -0.073),
