@@ -567,7 +567,7 @@ def test_messages_are_read() -> None:
         ("7", "expected an object, got int"),
         ("{}", "type: expected one of ack, game, stop"),
         ('{"type":["stop"]}', "type: expected one of"),
-        ('{"type":"stop","type":"stop"}', "each key once"),
+        ('{"type":"stop","type":"stop"}', "message: expected each key of an object once"),
         ('{"type":"stop","more":1}', "stop: expected no fields, got more"),
         ('{"type":"ack","sequence":1}', "ack: expected sequence, decoded_ms, got sequence"),
         ('{"type":"ack","sequence":true,"decoded_ms":1}', "sequence: expected int, got bool"),

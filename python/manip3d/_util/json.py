@@ -1,11 +1,13 @@
-"""Conversion of values to JSON, and records with a checksum."""
+"""Conversion of values to and from JSON, and records with a checksum."""
 
 from __future__ import annotations
 
 import hashlib
 import json
 import math
-from typing import Any
+from typing import Any, NoReturn
+
+from manip3d.errors import FormatError
 
 
 def finite(value: Any) -> Any:
@@ -15,6 +17,30 @@ def finite(value: Any) -> Any:
     if isinstance(value, list | tuple):
         return [finite(item) for item in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def read_json(text: str) -> Any:
+    """Return the value of a JSON text that a stranger may have written.
+
+    Raises
+    ------
+    FormatError
+        An object has a key twice, or a number is NaN or infinite.
+    ValueError, RecursionError
+        The text is no JSON, or nests too deeply.
+    """
+    return json.loads(text, object_pairs_hook=_unique, parse_constant=_no_constant)
+
+
+def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    found = dict(pairs)
+    if len(found) != len(pairs):
+        raise FormatError("expected each key of an object once")
+    return found
+
+
+def _no_constant(name: str) -> NoReturn:
+    raise FormatError(f"expected numbers, got {name}")
 
 
 def canonical_json(value: Any) -> bytes:

@@ -10,10 +10,10 @@ import json
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal, NoReturn, get_args
+from typing import Any, Literal, get_args
 
 from manip3d._util.checked import checked
-from manip3d._util.json import canonical_json
+from manip3d._util.json import canonical_json, read_json
 from manip3d._util.paths import path_of
 from manip3d._util.reprs import short_repr
 from manip3d.errors import FormatError, InputError
@@ -278,10 +278,7 @@ def load_questionnaire(path: str | os.PathLike[str]) -> Questionnaire:
     file = path_of(path)
     content = limited_bytes(file, _MAX_BYTES)
     try:
-        found = json.loads(
-            content.decode("utf-8-sig"), object_pairs_hook=_unique, parse_constant=_no_constant
-        )
-        return questionnaire_of(found)
+        return questionnaire_of(read_json(content.decode("utf-8-sig")))
     except (InputError, FormatError) as error:
         raise FormatError(str(error), file=str(file)) from None
     except (ValueError, RecursionError) as error:
@@ -374,17 +371,6 @@ def _list(found: object, name: str) -> list[Any]:
     if not isinstance(found, list):
         raise InputError(f"{name}: expected a list, got {_shown(found)}")
     return found
-
-
-def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    found = dict(pairs)
-    if len(found) != len(pairs):
-        raise FormatError("expected each key of an object once")
-    return found
-
-
-def _no_constant(name: str) -> NoReturn:
-    raise FormatError(f"expected numbers, got {name}")
 
 
 # --- built in -------------------------------------------------------------------------------------

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, NoReturn
+from typing import Any
 
 from manip3d._util.checked import checked
+from manip3d._util.json import read_json
 from manip3d._util.texts import has_control_characters
 from manip3d.errors import FormatError, InputError
 
@@ -119,9 +119,9 @@ def read_message(
     if len(text) > max_length:
         raise FormatError(f"message: expected at most {max_length} characters, got {len(text)}")
     try:
-        found = json.loads(text, object_pairs_hook=_unique, parse_constant=_no_constant)
-    except FormatError:
-        raise
+        found = read_json(text)
+    except FormatError as error:
+        raise FormatError(f"message: {error}") from None
     except (ValueError, RecursionError):
         raise FormatError("message: expected JSON") from None
     if not isinstance(found, dict):
@@ -140,14 +140,3 @@ def read_message(
     if not all(math.isfinite(v) for v in values.values() if not isinstance(v, str)):
         raise FormatError(f"{name}: expected finite numbers")  # 1e999
     return name, values
-
-
-def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    found = dict(pairs)
-    if len(found) != len(pairs):
-        raise FormatError("message: expected each key once")
-    return found
-
-
-def _no_constant(name: str) -> NoReturn:
-    raise FormatError(f"message: expected numbers, got {name}")
