@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 from datetime import date, datetime, timedelta
 
 from manip3d._util.checked import checked
+from manip3d._util.html import Html, as_html, html_table
 from manip3d._util.paths import path_of
 from manip3d._util.texts import legible
 from manip3d.diary._clips import film
@@ -199,7 +200,7 @@ def _overview(diary: Diary, today: date, names: Mapping[str, str]) -> str:
     parts = [
         "<h1>Participants</h1>",
         f'<p class="quiet">{len(people)} enrolled; as of {today}. {_INTENDED_USE}</p>',
-        _table(heads, rows) if rows else "<p>Nobody is enrolled.</p>",
+        html_table(heads, rows) if rows else "<p>Nobody is enrolled.</p>",
         '<p class="quiet">Sessions done: with all games, of those that were due so far. '
         "Pain: before and after the last session with a rating. Pain in a week: slope of the "
         "least-squares line of the pain before sessions, with its 95 % interval. Games of a "
@@ -208,7 +209,7 @@ def _overview(diary: Diary, today: date, names: Mapping[str, str]) -> str:
     return _document("Overview of the diaries", parts)
 
 
-def _overview_row(diary: Diary, person: Participant, today: date, name: str) -> list[str | _Html]:
+def _overview_row(diary: Diary, person: Participant, today: date, name: str) -> list[str | Html]:
     sessions = diary.sessions(person.identifier)
     real = [session for session in sessions if not _is_simulated(session)]
     rated = [s for s in real if s.pain_before is not None or s.pain_after is not None]
@@ -219,13 +220,13 @@ def _overview_row(diary: Diary, person: Participant, today: date, name: str) -> 
     link = f'<a href="{name}">{html.escape(person.identifier)}</a>'
     told = "<br>".join(f'<span class="warning">{html.escape(one)}</span>' for one in found)
     return [
-        _Html(link),
+        Html(link),
         person.limb.replace("_", " ") or "-",
         f"{done.complete} of {done.expected} ({done.share:.0%})",
         _day(real[-1].started) if real else "-",
         pain,
         "-" if change is None else f"{change.value:+.1f} ({change.low:+.1f} to {change.high:+.1f})",
-        _Html(told or "-"),
+        Html(told or "-"),
     ]
 
 
@@ -322,7 +323,7 @@ def _ratings_apart(diary: Diary, identifier: str, sessions: Sequence[DiarySessio
         for rating in diary.ratings(identifier)
         if rating.number not in within
     ]
-    return ["<h2>Pain outside of sessions</h2>", _table(("When", "Pain"), rows)] if rows else []
+    return ["<h2>Pain outside of sessions</h2>", html_table(("When", "Pain"), rows)] if rows else []
 
 
 def _pain_before(sessions: Sequence[DiarySession], person: Participant) -> list[Point]:
@@ -394,7 +395,7 @@ def _events(diary: Diary, identifier: str) -> str:
     if not events:
         return "<p>None.</p>"
     rows = [(_day(e.at), e.kind, e.text) for e in events]
-    return _table(("When", "Kind", "In words"), rows)
+    return html_table(("When", "Kind", "In words"), rows)
 
 
 def _mcgill(diary: Diary, identifier: str) -> str:
@@ -407,7 +408,7 @@ def _mcgill(diary: Diary, identifier: str) -> str:
     ]
     names = ("Occasion", "When", "Pain rating index, of 78", "Words chosen, of 20",
              "Present pain, of 5")  # fmt: skip
-    return _table(names, rows)
+    return html_table(names, rows)
 
 
 def _forms(diary: Diary, identifier: str) -> list[str]:
@@ -426,7 +427,7 @@ def _forms(diary: Diary, identifier: str) -> list[str]:
             for one in answers
         ]
         names = ("Occasion", "When", *(scale.name for scale in asked.scales))
-        parts += [f"<h2>{html.escape(asked.name)}</h2>", _table(names, rows)]
+        parts += [f"<h2>{html.escape(asked.name)}</h2>", html_table(names, rows)]
     return parts
 
 
@@ -441,9 +442,9 @@ def _felt(diary: Diary, identifier: str) -> str:
         for one in diary.felt(identifier)
     ]  # fmt: skip
     names = ("When", "Touch", "Ownership, -3 to 3", "Controls, -3 to 3")
-    parts = [_table(names, cues)] if cues else []
+    parts = [html_table(names, cues)] if cues else []
     if limbs:
-        parts.append(_table(("When", "Limb", "Length", "Drawn up", "Raised", "Bent"), limbs))
+        parts.append(html_table(("When", "Limb", "Length", "Drawn up", "Raised", "Bent"), limbs))
     return "\n".join(parts) or "<p>None yet.</p>"
 
 
@@ -461,7 +462,7 @@ def _sessions(sessions: Sequence[DiarySession]) -> str:
         pain = f"{_dash(session.pain_before)} to {_dash(session.pain_after)}"
         pain += "" if session.answered else f". {NOT_ANSWERED}"
         rows.append((_day(session.started), games, pain, ", ".join(stuck) or "-"))
-    return _table(("Begun", "Games and scores", "Pain", "No point though in reach"), rows)
+    return html_table(("Begun", "Games and scores", "Pain", "No point though in reach"), rows)
 
 
 def _game(game: DiaryGame) -> str:
@@ -475,29 +476,11 @@ def _films(diary: Diary, identifier: str) -> str:
     return "\n".join(
         f'<figure><img alt="" src="{FILM_IN_PAGE.decode()}'
         f'{base64.b64encode(film(clip)).decode()}">'
-        f"<figcaption>{_day(clip.at)}, {_cell(clip.game)}: no point from {clip.start:.0f} to "
+        f"<figcaption>{_day(clip.at)}, {as_html(clip.game)}: no point from {clip.start:.0f} to "
         f"{clip.end:.0f} s of play, though something was in reach. The phantom limb is bluish."
         "</figcaption></figure>"
         for clip in found
     )
-
-
-class _Html(str):
-    """Text that is HTML already."""
-
-    __slots__ = ()
-
-
-def _cell(value: str) -> str:
-    return value if isinstance(value, _Html) else html.escape(legible(value))
-
-
-def _table(names: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    head = "".join(f"<th>{html.escape(name)}</th>" for name in names)
-    body = "\n".join(
-        "<tr>" + "".join(f"<td>{_cell(cell)}</td>" for cell in row) + "</tr>" for row in rows
-    )
-    return f'<div class="wide"><table>\n<tr>{head}</tr>\n{body}\n</table></div>'
 
 
 def _dash(value: int | None) -> str:

@@ -12,6 +12,7 @@ import numpy as np
 
 from manip3d import __version__
 from manip3d._util.checked import checked
+from manip3d._util.html import html_table
 from manip3d._util.texts import counted
 from manip3d.authenticate import depth_noise
 from manip3d.authenticate._stream_verdict import NO_POWER_HERE
@@ -98,7 +99,7 @@ def _page(inspection: StreamInspection, frames: Sequence[RgbdFrame], source: str
         f"<p>{html.escape(source)}: judged {_count(inspection)} of {camera.width} x "
         f"{camera.height} pixels. No verdict says that a stream is authentic.</p>"
         + _facts(inspection, source)
-        + _table(
+        + html_table(
             ("detector", "verdict", "score", "why"),
             [
                 (r.name, r.verdict, "" if r.score is None else f"{r.score:.3f}", r.reason)
@@ -119,7 +120,7 @@ def _page(inspection: StreamInspection, frames: Sequence[RgbdFrame], source: str
 def _power(inspection: StreamInspection) -> str:
     if not inspection.power:
         return f"<p>{NO_POWER_HERE}</p>"
-    return _table(
+    return html_table(
         ("kind of forgery", "found", "of which"),
         [
             (name, f"{power.share:.0%}", f"{power.found} of {power.planted}")
@@ -130,14 +131,6 @@ def _power(inspection: StreamInspection) -> str:
 
 def _count(inspection: StreamInspection) -> str:
     return counted(len(inspection.numbers), "frame")
-
-
-def _table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    head = "".join(f"<th>{html.escape(name)}" for name in heads)
-    body = "".join(
-        "<tr>" + "".join(f"<td>{html.escape(cell)}</td>" for cell in row) + "</tr>" for row in rows
-    )
-    return f"<div class=wide><table><tr>{head}</tr>{body}</table></div>"
 
 
 def _facts(inspection: StreamInspection, source: str) -> str:

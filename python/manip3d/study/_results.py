@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from manip3d._util.checked import checked
+from manip3d._util.html import html_table
 from manip3d._util.paths import path_of
 from manip3d.errors import InputError
 from manip3d.io._files import atomic_folder
@@ -343,12 +344,8 @@ _NOTES = {
 
 def _table(rows: Sequence[Mapping[str, Any]]) -> str:
     columns, lines = _as_table(rows)
-    head = "".join(f"<th>{html.escape(name.replace('_', ' '))}</th>" for name in columns)
-    body = "".join(
-        "<tr>" + "".join(f"<td>{html.escape(_cell(cell))}</td>" for cell in line) + "</tr>"
-        for line in lines
-    )
-    return f'<div class="wide"><table><tr>{head}</tr>{body}</table></div>'
+    heads = [name.replace("_", " ") for name in columns]
+    return html_table(heads, [[_cell(cell) for cell in line] for line in lines])
 
 
 def _cell(value: object) -> str:
