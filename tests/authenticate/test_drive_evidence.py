@@ -94,8 +94,8 @@ def test_a_drive_page_shows_the_p_value_that_accuses(tmp_path: Path) -> None:
     top, scale = 38.0, 10.0  # pixels, and pixels per power of ten
     assert f'cy="{top - scale * math.log10(1.2e-6):.2f}" r="2.5"' in text
     assert f'cy="{top - scale * math.log10(0.007):.2f}" r="4.0"' in text
-    assert "<td>2.0e-03</td><td>1.2e-06</td>" in text
-    assert "<td>7.0e-03</td><td>7.0e-03</td>" in text
+    assert "<td>0.002</td><td>1.2e-06</td>" in text
+    assert "<td>0.007</td><td>0.007</td>" in text
     assert "p-value of detector III by its model of clean scans" in text
     record = found[0].record()
     assert (record["p_value"], record["model_p_value"]) == (0.002, pytest.approx(1.2e-6))

@@ -17,7 +17,7 @@ from manip3d._util.paths import path_of
 from manip3d.errors import InputError
 from manip3d.io._files import atomic_write
 from manip3d.lidar import box_outline
-from manip3d.report._evidence import PAGE_STYLE
+from manip3d.report._evidence import PAGE_STYLE, p_text
 from manip3d.report._evidence_files import page_bytes
 
 if TYPE_CHECKING:
@@ -329,12 +329,6 @@ def _outline(box: Box, pose: Pose) -> NDArray[np.float64]:
     return outline
 
 
-def _p_text(p_value: float | None) -> str:
-    if p_value is None:
-        return ""
-    return f"{p_value:.1e}" if p_value > 0.0 else "below 1e-300"
-
-
 def _table(found: Sequence[Inspection | None], names: Sequence[str]) -> str:
     """Return a table of the scans whose verdict is not ``no_trace``, tampered ones first."""
     said = [
@@ -346,7 +340,7 @@ def _table(found: Sequence[Inspection | None], names: Sequence[str]) -> str:
     rows = [
         f"<tr><td>{html.escape(name)}</td><td class={each.verdict}>{each.verdict}</td>"
         f"<td>{html.escape(each.reason)}</td>"
-        f"<td>{_p_text(each.p_value)}</td><td>{_p_text(each.model_p_value)}</td>"
+        f"<td>{p_text(each.p_value)}</td><td>{p_text(each.model_p_value)}</td>"
         f"<td>{len(each.regions)}</td></tr>"
         for each, name in said
     ]

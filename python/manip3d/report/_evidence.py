@@ -380,7 +380,7 @@ def _facts(inspection: Inspection, source: str) -> str:
 def _p_values(detector: str, limit: float, smallest: float) -> str:
     return (
         f"detector {detector}: p-values up to {limit:g} raise an alarm; the smallest of this scan "
-        f"is {_p_text(smallest)}"
+        f"is {p_text(smallest)}"
     )
 
 
@@ -388,8 +388,10 @@ def _evidence_text(evidence: Mapping[str, float]) -> str:
     return ", ".join(f"{kind} {strength:.3g}" for kind, strength in evidence.items())
 
 
-def _p_text(value: float) -> str:
+def p_text(value: float | None) -> str:
     """Return a p-value as text; 0 means that it is below the range of double precision."""
+    if value is None:
+        return ""
     return f"{value:.2g}" if value > 0.0 else "below 1e-300"
 
 
@@ -398,7 +400,7 @@ def _regions(inspection: Inspection) -> str:
         f"<tr><td>{html.escape(report.number)}</td><td>{number}</td>"
         + "".join(f"<td>{v:.2f}</td>" for v in (*region.box.center, *region.box.size))
         + f"<td>{math.degrees(region.box.yaw):.0f}</td><td>{len(region.rows)}</td>"
-        + f"<td>{'' if region.p_value is None else f'{region.p_value:.2g}'}</td>"
+        + f"<td>{p_text(region.p_value)}</td>"
         + f"<td class=long>{html.escape(_evidence_text(region.evidence))}"
         + f"{_small(region.note)}</td>"
         + "</tr>"
