@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, overload
 import numpy as np
 
 from manip3d._util.checked import checked
+from manip3d._util.indexing import indexed
 from manip3d._util.paths import path_of
 from manip3d._util.texts import counted
 from manip3d._util.times import NOMINAL_PERIOD_NS
@@ -115,11 +116,7 @@ class RgbdSequence(Sequence[RgbdFrame]):
     @overload
     def __getitem__(self, index: slice) -> list[RgbdFrame]: ...
     def __getitem__(self, index: int | slice) -> RgbdFrame | list[RgbdFrame]:
-        if isinstance(index, slice):
-            return [self._load(i) for i in range(*index.indices(self._num_frames))]
-        if not -self._num_frames <= index < self._num_frames:
-            raise IndexError(f"frame {index} of {self._num_frames}")
-        return self._load(index % self._num_frames)
+        return indexed(index, self._num_frames, self._load, "frame")
 
     def __iter__(self) -> Iterator[RgbdFrame]:
         return map(self._load, range(self._num_frames))

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from manip3d._util.arrays import read_only
 from manip3d._util.checked import checked
+from manip3d._util.indexing import indexed
 from manip3d._util.linear import product
 from manip3d._util.reprs import short_repr
 from manip3d._util.texts import counted
@@ -486,11 +487,7 @@ class BodySimulator:
     @overload
     def __getitem__(self, index: slice) -> list[RgbdFrame]: ...
     def __getitem__(self, index: int | slice) -> RgbdFrame | list[RgbdFrame]:
-        if isinstance(index, slice):
-            return [self[i] for i in range(*index.indices(self.frames))]
-        if not -self.frames <= index < self.frames:
-            raise IndexError(f"frame {index} of {self.frames}")
-        return self.frame(index % self.frames / self.rate)
+        return indexed(index, self.frames, lambda i: self.frame(i / self.rate), "frame")
 
     def __iter__(self) -> Iterator[RgbdFrame]:
         return (self[index] for index in range(self.frames))
