@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from manip3d.errors import InputError
 from manip3d.experiments import _published
+from manip3d.experiments._model import Case, Plan, Row
 
 if TYPE_CHECKING:
     from manip3d.forge import Forgery
@@ -59,6 +60,20 @@ def published_frames(drive: int, attack: str) -> int:
 def seed_of(drive: int, seed: int) -> int:
     """Return the seed of a drive's first street."""
     return seed + 100 * drive
+
+
+def cases_of_drives(
+    run: Callable[[Case], Row], plan: Plan, name: str, values: Collection[str], **options: int
+) -> list[Case]:
+    """Return a case for each drive and each value of the option ``name``, with further options."""
+    return [
+        Case(
+            run,
+            {"model": f"drive {drive}", name: each, **options, "seed": seed_of(drive, plan.seed)},
+        )
+        for drive in DRIVES
+        for each in values
+    ]
 
 
 def frames(seed: int, first: int, count: int) -> Iterator[tuple[int, LidarFrame, tuple[Box, ...]]]:

@@ -64,6 +64,13 @@ def value(table: str, model: str, method: str, column: str) -> float | str | Non
     return None
 
 
+def with_counts(row: Row, table: str, counts: Sequence[str]) -> Row:
+    """Return the row with the published counts of the model that it stands in for, if any."""
+    named = (r for r in published_rows(table) if r["model"] == row["stands_in_for"])
+    printed = next(named, None)
+    return row | {f"published_{name}": int(printed[name]) if printed else None for name in counts}
+
+
 def same_counts(
     rows: Sequence[Row], models: Sequence[str], counts: Sequence[str]
 ) -> Iterator[Finding]:

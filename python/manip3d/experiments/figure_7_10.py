@@ -17,7 +17,6 @@ if TYPE_CHECKING:
 
     from manip3d.lidar import LidarFrame
 
-_DRIVES = (1, 2, 3)
 _FRAMES = {"quick": 2, "full": 40}
 _PUBLISHED = {"lbm": 0.001732, "qim-printed": 0.00125}
 """Average Hausdorff distances of section 7.6, metres."""
@@ -33,19 +32,7 @@ _SHOWN = 20_000  # number of points in the picture
 
 
 def _cases(plan: Plan) -> list[Case]:
-    return [
-        Case(
-            embed,
-            {
-                "model": f"drive {drive}",
-                "method": method,
-                "frames": _FRAMES[plan.scale],
-                "seed": plan.seed + 100 * drive,
-            },
-        )
-        for drive in _DRIVES
-        for method in _MAX
-    ]
+    return _alert_set.cases_of_drives(embed, plan, "method", _MAX, frames=_FRAMES[plan.scale])
 
 
 def embed(case: Case) -> Row:

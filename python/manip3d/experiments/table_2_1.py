@@ -54,15 +54,7 @@ def _cases(plan: Plan) -> list[Case]:
 
 
 def _complete(row: Row) -> Row:
-    printed = next(
-        (
-            r
-            for r in _published.published_rows("table_2_1_datasets")
-            if r["model"] == row["stands_in_for"]
-        ),
-        {},
-    )
-    return row | {f"published_{n}": int(printed[n]) if printed else None for n in _COUNTS}
+    return _published.with_counts(row, "table_2_1_datasets", _COUNTS)
 
 
 def _as_registered(rows: Sequence[Row]) -> Iterator[Finding]:

@@ -33,12 +33,7 @@ def _cases(plan: Plan) -> list[Case]:
 
 
 def _complete(row: Row) -> Row:
-    printed = next(
-        r
-        for r in _published.published_rows("table_3_1_datasets")
-        if r["model"] == row["stands_in_for"]
-    )
-    return row | {f"published_{n}": int(printed[n]) for n in _COUNTS}
+    return _published.with_counts(row, "table_3_1_datasets", _COUNTS)
 
 
 def _possible(_: Sequence[Row]) -> Iterator[Finding]:

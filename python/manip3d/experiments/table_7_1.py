@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from manip3d.experiments import _published
+from manip3d.experiments import _alert_set, _published
 from manip3d.experiments._model import Case, Claim, Column, Experiment, Finding, Plan, Row
 
 if TYPE_CHECKING:
@@ -19,7 +19,6 @@ if TYPE_CHECKING:
 
 _TABLE = "table_7_1_alert_time_ms"
 
-_DRIVES = (1, 2, 3)
 _ROUNDS = {"quick": 5, "full": 60}
 _AIM_MS = 6.0
 
@@ -40,19 +39,7 @@ _WHOLE = tuple(step for step in STEPS if step.split()[0] in ("transmit", "receiv
 
 
 def _cases(plan: Plan) -> list[Case]:
-    return [
-        Case(
-            time_step,
-            {
-                "model": f"drive {drive}",
-                "step": step,
-                "rounds": _ROUNDS[plan.scale],
-                "seed": plan.seed + 100 * drive,
-            },
-        )
-        for drive in _DRIVES
-        for step in STEPS
-    ]
+    return _alert_set.cases_of_drives(time_step, plan, "step", STEPS, rounds=_ROUNDS[plan.scale])
 
 
 def time_step(case: Case) -> Row:
@@ -62,9 +49,7 @@ def time_step(case: Case) -> Row:
 
 @cache
 def _frame(seed: int) -> LidarFrame:
-    from manip3d.experiments._alert_set import frames
-
-    _, frame, _ = next(frames(seed, 0, 1))
+    _, frame, _ = next(_alert_set.frames(seed, 0, 1))
     return frame
 
 
