@@ -107,8 +107,8 @@ def _number(text: str, low: float, high: float) -> float:
     return value
 
 
-def _whole_number(text: str, low: int, high: int) -> int:
-    _number(text, low, high)
+def _pixels(text: str) -> int:
+    _number(text, 0, 64)
     return int(text)
 
 
@@ -133,7 +133,7 @@ _OPTIONS: dict[str, tuple[str, Callable[[str], dict[str, Any]]]] = {
     "background": ("a source", _read("background", str)),
     "still": ("yes or no", _read("still", lambda t: _one_of({"yes": True, "no": False}, t))),
     "move": ("X,Y,Z in metres", _moved),
-    "blend": ("0 to 64 pixels", _read("blend", lambda text: _whole_number(text, 0, 64))),
+    "blend": ("0 to 64 pixels", _read("blend", _pixels)),
     "show": ("real, forged, or seconds after which they alternate", _shown),
     "switch": ("a file", _read("switch", str)),
 }

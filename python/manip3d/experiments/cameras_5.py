@@ -117,11 +117,11 @@ def _cropped(depth: Depth) -> Depth:
     return depth[height // 10 : -(height // 10), width // 8 : -(width // 8)]
 
 
-def _resized(depth: Depth, factor: float, smooth: bool) -> Depth:
+def _three_quarters(depth: Depth, *, smooth: bool) -> Depth:
     from PIL import Image
 
     height, width = depth.shape
-    size = (round(width * factor), round(height * factor))
+    size = (round(0.75 * width), round(0.75 * height))
     how = Image.Resampling.BILINEAR if smooth else Image.Resampling.NEAREST
     image = Image.fromarray(depth.astype(np.float32)).resize(size, how)
     resized: Depth = np.rint(np.asarray(image)).astype(np.uint16)
@@ -211,8 +211,8 @@ def _each(change: Callable[[Depth], Depth]) -> Callable[[Sequence[Depth]], list[
 PROCESSING: dict[str, Callable[[Sequence[Depth]], list[Depth]]] = {
     "as it is": list,
     "cropped": _each(_cropped),
-    "3/4 the size, smooth": _each(lambda depth: _resized(depth, 0.75, True)),
-    "3/4 the size, nearest": _each(lambda depth: _resized(depth, 0.75, False)),
+    "3/4 the size, smooth": _each(partial(_three_quarters, smooth=True)),
+    "3/4 the size, nearest": _each(partial(_three_quarters, smooth=False)),
     "half the size and back": _each(_smaller_and_back),
     "8 bits": _each(_eight_bits),
     "JPEG": _each(_jpeg),

@@ -485,10 +485,6 @@ def _joined(spans: Sequence[Sequence[float]]) -> list[list[float]]:
     return joined
 
 
-def _files_of(data_set: str) -> tuple[str, ...]:
-    return tuple(file.path for file in datasets.get(data_set).files)
-
-
 _TELLERS: Mapping[str, Tell] = {
     "model": _tell_model,
     "depth": _tell_depth,
@@ -503,7 +499,12 @@ STORIES: tuple[Experiment, ...] = (
         "A textured model at a tenth of its faces",
         _model_commands,
         "a simulated biplane",
-        _Recorded(_files_of("G-164A"), "a biplane of FlightGear's", "G-164A", "stand-in"),
+        _Recorded(
+            tuple(file.path for file in datasets.get("G-164A").files),
+            "a biplane of FlightGear's",
+            "G-164A",
+            "stand-in",
+        ),
     ),
     _experiment(
         "depth",

@@ -171,7 +171,7 @@ def head(faces: int = 17_684) -> Mesh:
         (points[crown:, half:], uv["back"][crown:, half:]),
         (points[: crown + 1], uv["crown"][: crown + 1]),
     ]
-    patches = [_textured_sheet(p, t, 0) for p, t in charts]
+    patches = [_textured_sheet(p, t) for p, t in charts]
     skin = _textured("skin", png(_head_pixels(512, polar[crown, 0])))
     return _upright(_welded(patches, [skin]))
 
@@ -739,9 +739,9 @@ def _floor_patch(
     return sheet(points, material, uv_box=None if u is None else (u[0], 0.0, u[1], 1.0))
 
 
-def _textured_sheet(points: Points, texcoords: Array, material: int) -> Patch:
-    patch = sheet(points, material)
-    return Patch(patch.vertices, patch.faces, texcoords.reshape(-1, 2), material)
+def _textured_sheet(points: Points, texcoords: Array) -> Patch:
+    patch = sheet(points, material=0)
+    return Patch(patch.vertices, patch.faces, texcoords.reshape(-1, 2), patch.material)
 
 
 def _plain(

@@ -505,20 +505,18 @@ def _parked(
     plan: _Plan,
     relief: Relief,
     start: tuple[float, float],
-    yaw: float,
     count: int,
     *,
     pitch: float,
     turn: float = 0.0,
     share: float = 0.7,
 ) -> None:
-    """Add parked cars, ``pitch`` apart along ``yaw``, each rotated by ``turn`` from it."""
-    along = np.array([np.cos(yaw), np.sin(yaw)])
+    """Add a row of parked cars along x, ``pitch`` apart, each rotated by ``turn``."""
     for slot in range(count):
-        x, y = (np.asarray(start) + along * pitch * slot + random.normal(0, 0.12, 2)).tolist()
+        x, y = (np.add(start, (pitch * slot, 0.0)) + random.normal(0, 0.12, 2)).tolist()
         if random.random() < share and plan.is_free(x, y, 1.3):
             plan.keep_free(x, y, 2.2)
-            heading = yaw + turn + float(random.normal(0, 0.03))
+            heading = turn + float(random.normal(0, 0.03))
             _put(builder, relief, things.car(random), Label.CAR, (x, y), heading)
 
 
@@ -543,8 +541,8 @@ def _street(builder: WorldBuilder, random: Random, plan: _Plan, relief: Relief) 
     near, far = float(random.uniform(8, 11)), float(random.uniform(9, 14))
     _row_of_houses(builder, random, plan, relief, (-90, near), 0.0, 180)
     _row_of_houses(builder, random, plan, relief, (90, -far), np.pi, 180)
-    _parked(builder, random, plan, relief, (-60, near - 3.5), 0.0, 22, pitch=5.6)
-    _parked(builder, random, plan, relief, (-60, -far + 3.5), 0.0, 22, pitch=5.6, turn=np.pi)
+    _parked(builder, random, plan, relief, (-60, near - 3.5), 22, pitch=5.6)
+    _parked(builder, random, plan, relief, (-60, -far + 3.5), 22, pitch=5.6, turn=np.pi)
     _posts(builder, random, plan, relief, near - 1.5, float(random.uniform(18, 28)), -np.pi / 2)
     for x in np.arange(-55.0, 55.0, float(random.uniform(9, 15))):
         if random.random() < 0.6 and plan.is_free(float(x), -far + 1.6, 0.4):
@@ -577,7 +575,7 @@ def _square(builder: WorldBuilder, random: Random, plan: _Plan, relief: Relief) 
 def _parking(builder: WorldBuilder, random: Random, plan: _Plan, relief: Relief) -> None:
     for row, y in enumerate((-17.0, -11.5, 5.5, 11.0, 22.0)):
         turn = np.pi / 2 if row % 2 else -np.pi / 2
-        _parked(builder, random, plan, relief, (-36, y), 0.0, 28, pitch=2.7, turn=turn, share=0.55)
+        _parked(builder, random, plan, relief, (-36, y), 28, pitch=2.7, turn=turn, share=0.55)
     _row_of_houses(builder, random, plan, relief, (-60, 36), 0.0, 110, floors=(1, 4))
     _posts(builder, random, plan, relief, -4.0, 22.0, np.pi / 2)
     _trees(builder, random, plan, relief, 18, within=55.0)
@@ -612,9 +610,7 @@ def _courtyard(builder: WorldBuilder, random: Random, plan: _Plan, relief: Relie
         spot = plan.spot(0.5, within=12.0)
         if spot is not None:
             _put(builder, relief, things.bin_(random), Label.FURNITURE, spot)
-    _parked(
-        builder, random, plan, relief, (-half[0] + 3, -half[1] + 3), 0.0, 5, pitch=3.0, turn=1.57
-    )
+    _parked(builder, random, plan, relief, (-half[0] + 3, -half[1] + 3), 5, pitch=3.0, turn=1.57)
     _trees(builder, random, plan, relief, 3, within=float(half.min()))
     _people(builder, random, plan, relief, 4)
 
@@ -630,7 +626,7 @@ def _suburb(builder: WorldBuilder, random: Random, plan: _Plan, relief: Relief) 
             size = random.uniform((4.0, 0.6, 0.8), (7.5, 1.0, 1.8)).tolist()
             if random.random() < 0.7 and plan.is_free(float(x), y, 1.0):
                 _put(builder, relief, things.hedge(random, *size), Label.VEGETATION, (float(x), y))
-    _parked(builder, random, plan, relief, (-50, near - 10.5), 0.0, 14, pitch=7.0, share=0.5)
+    _parked(builder, random, plan, relief, (-50, near - 10.5), 14, pitch=7.0, share=0.5)
     _posts(builder, random, plan, relief, -far + 10.0, 25.0, np.pi / 2)
     _trees(builder, random, plan, relief, 26)
     _people(builder, random, plan, relief, 4)

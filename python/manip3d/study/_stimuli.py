@@ -98,13 +98,13 @@ class _Shot:
         return [(f.frame, f.mask) for f in made]
 
 
-def _depth(frame: RgbdFrame, person: NDArray[np.bool_]) -> Image:
+def _depth(frame: RgbdFrame) -> Image:
     from manip3d.viewer.people import depth_picture
 
     return depth_picture(frame.depth, near=_NEAR_MM, far=_FAR_MM)
 
 
-def _color(frame: RgbdFrame, person: NDArray[np.bool_]) -> Image:
+def _color(frame: RgbdFrame) -> Image:
     assert frame.color is not None
     return np.ascontiguousarray(np.asarray(frame.color)[..., :3])
 
@@ -123,8 +123,8 @@ def _rendered(frame: RgbdFrame, person: NDArray[np.bool_]) -> Image:
 
 
 _DRAW: Mapping[str, Callable[[RgbdFrame, NDArray[np.bool_]], Image]] = {
-    "depth": _depth,
-    "color": _color,
+    "depth": lambda frame, person: _depth(frame),
+    "color": lambda frame, person: _color(frame),
     "rendered": _rendered,
 }
 
