@@ -124,7 +124,7 @@ def vector(values: ArrayLike, size: int, name: str) -> NDArray[np.float64]:
 
 
 _FAR_M = 8192.0  # beyond it, float32 rounds by a quarter of a millimetre or more
-MAX_ROUNDED_M = 0.001
+MAX_ROUNDED_M = 0.001  # about the noise of a terrestrial scanner; larger rounding is warned of
 
 
 def rounded_by(values: ArrayLike, points: NDArray[np.float32]) -> float:

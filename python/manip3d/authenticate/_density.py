@@ -287,7 +287,7 @@ def density_consistency(
     )
 
 
-MAX_RANGE = 500.0
+MAX_RANGE = 500.0  # metres; farther points are left out
 
 
 def _levels(

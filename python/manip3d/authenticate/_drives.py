@@ -48,7 +48,7 @@ FRAMES_PER_HOUR = 3600.0 * FRAMES_PER_SECOND
 _RECURRING_DETECTORS = {"turns", "reflectance"}
 """Detectors IV and V: a false accusation by them in one turn recurs in the next."""
 
-_MAX_NAMED = 10
+_MAX_NAMED = 10  # numbers of scans in a reason; further ones are only counted
 
 _FASTER_THAN_BACKING, _MIN_MOVING, _FARTHER_THAN_BACKING = 0.5, 3, 20.0
 """A drive is ``backwards`` if it moves to the rear in all of at least _MIN_MOVING turns with

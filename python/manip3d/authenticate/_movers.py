@@ -21,7 +21,7 @@ MIN_MET = 0.9
 """Least share of the points that must meet the moved object in both turns."""
 
 _CELL = 0.25  # metres
-_MAX_POINTS = 200
+_MAX_POINTS = 200  # points of an object that are looked up, evenly chosen: more take longer
 _MARGIN = 2  # cells around the reachable volume
 
 

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 _SIGNATURE = b"\x89PNG\r\n\x1a\n"
 _GREY, _RGB = 0, 2
-_MAX_PIXELS = 1 << 26
+_MAX_PIXELS = 1 << 26  # a small file can state more; these are 200 MB of RGB
 _REFUSED = {
     b"tRNS": "transparency",
     b"acTL": "an animation",

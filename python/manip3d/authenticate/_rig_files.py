@@ -19,8 +19,8 @@ RIGS_FILE = "rigs.json"
 """Name of the file in a drive's folder."""
 
 _FORMAT = "manip3d stereo rigs 1"
-_MAX_BYTES = 1 << 20
-_LAST_CAMERA = 99
+_MAX_BYTES = 1 << 20  # a rig has a few hundred
+_LAST_CAMERA = 99  # KITTI numbers cameras by two digits: image_02
 
 
 class CameraPair(NamedTuple):

@@ -142,7 +142,7 @@ MAX_MEDIAN = 200.0
 """Largest median distance from the scanner of points in metres. In millimetres, points of a room
 are farther away, and any two points would have a gap for detector II."""
 
-MAX_LASERS = 128
+MAX_LASERS = 128  # lasers of the largest spinning scanners
 
 LARGEST_SLOPE_ERROR = 2e-4
 """Largest standard error of a line's slope in a lattice that is estimated from a single scan and

@@ -127,7 +127,7 @@ _MIN_GAINED = 2e-4  # share of the pixels
 _SMALL = 15  # mm
 _MIN_CHANGED = 0.001  # share of the pixels that change from frame to frame
 _MIN_DEPTH = 150  # mm; no depth camera measures nearer
-_MAX_DOUBLED = 0.2
+_MAX_DOUBLED = 0.2  # share of equal neighbouring lines; a camera's noise makes lines differ
 
 
 def _doubled(image: Depth) -> float:

@@ -28,7 +28,7 @@ from manip3d.lidar import LidarFrame
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-MAX_RECORD_BYTES = 16384
+MAX_RECORD_BYTES = 16384  # kMaxSize of watermark.hpp
 RECORD_SUFFIX = ".wm"
 
 _SAME_M = 1e-8  # metres: rounding of float64 on a national grid, and below any grid's step

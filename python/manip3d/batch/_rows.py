@@ -23,7 +23,7 @@ from manip3d._util.texts import counted
 from manip3d.batch._places import Place
 from manip3d.errors import InputError
 
-_FLUSH_S = 1.0
+_FLUSH_S = 1.0  # a run that is killed loses the rows of this time at most
 
 
 class Rows:

@@ -15,7 +15,7 @@ from manip3d.io._files import atomic_write
 from manip3d.io._remote import local_output
 
 TABLE_SUFFIXES = (".csv", ".parquet")
-_MAX_ITEMS = 16
+_MAX_ITEMS = 16  # longer lists get no columns, which would be most of the table
 
 
 @checked

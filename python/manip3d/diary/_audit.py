@@ -21,7 +21,7 @@ import sqlalchemy as sql
 from manip3d.diary import _schema as schema
 from manip3d.errors import FormatError
 
-_SALT = 16
+_SALT = 16  # bytes: more than anybody can try
 _HEAD = "audit head"  # entry of `meta`: number of rows, with a hash of the number and last link
 
 

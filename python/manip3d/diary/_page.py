@@ -172,7 +172,7 @@ def write_overview(
 _INDEX = "index.html"
 _OWN_PAGE = re.compile(r"index\.html|participant-.*\.html")
 _SILENT_DAYS = 3  # days without a session that raise an alarm; two sessions a day are due
-_RECENT_DAYS = 7
+_RECENT_DAYS = 7  # adverse events of these days are shown in the overview
 
 
 def _names_of_pages(people: Sequence[str]) -> dict[str, str]:

@@ -21,7 +21,7 @@ from manip3d.io._files import limited_bytes, write_new
 
 Method = Literal["sum", "mean", "count"]
 
-_MAX_BYTES = 1 << 20
+_MAX_BYTES = 1 << 20  # far more than any questionnaire has; so are the next limits
 _MAX_ITEMS, _MAX_CHOICES, _MAX_NUMBER = 500, 101, 1000
 _MAX_NAME, _MAX_TEXT = 200, 1000
 

@@ -136,8 +136,8 @@ MIGRATIONS: Sequence[Sequence[str]] = (
     ),
 )
 VERSION = len(MIGRATIONS)
-WITH_STUDY = 6
-WITH_CHAIN = 7
+WITH_STUDY = 6  # first version whose `meta` names the study
+WITH_CHAIN = 7  # first version whose audit rows are linked by hashes
 
 
 def migrate(connection: Connection, start: int, to: int = VERSION) -> None:

@@ -16,8 +16,8 @@ from manip3d.errors import FormatError, InputError
 from manip3d.io._files import open_regular, write_new
 
 _HEADER = "manip3d diary key 1 "
-_BYTES = 32
-_NONCE = 12
+_BYTES = 32  # of a key of AES-256
+_NONCE = 12  # bytes; the length for which GCM is defined without hashing
 
 CHECK = b"manip3d diary"  # content of the check of a diary's key
 

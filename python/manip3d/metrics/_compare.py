@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from manip3d.mesh import Mesh
 
 _Found = TypeVar("_Found")
-_STAGES = 6
+_STAGES = 6  # number of measures in a `Comparison`
 
 
 @dataclass(frozen=True)

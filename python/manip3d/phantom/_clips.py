@@ -27,9 +27,9 @@ RATE = 10.0
 
 _GROUND = 32  # grey background: films show nothing of the room
 _PHANTOM_BLUE = np.array([40, 130, 255], np.float32)
-_TINT = 0.35
+_TINT = 0.35  # share of blue in the pixels of the phantom limb
 _EDGE = 320  # largest number of pixels of the longer side
-_QUALITY = 70
+_QUALITY = 70  # of JPEG
 _PHANTOM = 2  # PixelKind.PHANTOM
 
 

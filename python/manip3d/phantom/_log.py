@@ -21,7 +21,7 @@ from manip3d.phantom._session import LiveSession
 from manip3d.serve import LocalServer
 
 LOG = logging.getLogger("manip3d")
-_EVERY_S = 10.0
+_EVERY_S = 10.0  # time between two lines
 
 
 class SessionLog:

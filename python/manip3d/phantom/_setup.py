@@ -40,6 +40,10 @@ that lie farther apart begin it anew."""
 STILL_M = 0.03
 """Largest median movement of joints that are held still, metres; above a tracker's noise."""
 
+_STILL_LIMB_M = 3 * STILL_M
+"""Largest ninth decile of these movements. An arm, six of 25 joints, hardly moves the median. The
+ninth decile of noise alone is 1.6 times its median (Maxwell's distribution)."""
+
 _PARTS = (
     ("head", ("Head",)),
     ("hands", ("HandLeft", "HandRight")),
@@ -174,7 +178,7 @@ class PlacementCalibration:
         if self._frames:
             both = known & (self._states[0] != NOT_TRACKED)
             moved = np.linalg.norm(now - np.median(self._frames, axis=0), axis=1)[both]
-            has_moved = np.median(moved) > STILL_M or float(np.quantile(moved, 0.9)) > 3 * STILL_M
+            has_moved = np.median(moved) > STILL_M or float(np.quantile(moved, 0.9)) > _STILL_LIMB_M
             if has_moved or not 0 <= time_ns - self._last_ns < STILL_S * 1e9:
                 self._forget(time_ns)
         if not self._frames:

@@ -46,7 +46,10 @@ GOODBYE_SECONDS = 0.5
 """Seconds for which a closing encrypted connection waits for the client's closing message."""
 _HISTORY = 1000  # latencies kept per client: half a minute at 30 frames a second
 _MAX_REASONS = 64  # different reasons in `LocalServer.refused`; further ones are "other reasons"
-_MAX_REASON_BYTES = 200
+_MAX_REASON_BYTES = 200  # a reason may quote a client, who can send long texts
+_HANDSHAKE_LOOKS = 100
+"""Number of times that a connection is looked at during its TLS handshake, within the time limit of
+a request. One too many thus stays for at most a hundredth of that limit after its handshake."""
 CODE_SECONDS = 120.0
 """Seconds for which a code of `LocalServer.new_code` is valid."""
 _CODE_ATTEMPTS = 5  # wrong codes, from all strangers together, after which a code is void
@@ -600,13 +603,13 @@ class LocalServer:
                 # close their sockets, for which the loop must still run.
                 await asyncio.sleep(GOODBYE_SECONDS + 0.1)
 
-    def _admit(self, protocol: Any, waits: int = 100) -> None:
+    def _admit(self, protocol: Any, looks: int = _HANDSHAKE_LOOKS) -> None:
         """Close a new connection at once if there are too many."""
         transport = protocol.transport
         if transport is None:
-            if self.certificate is not None and waits > 0:  # set after the TLS handshake
-                later = self.limits.request_seconds / 100
-                asyncio.get_running_loop().call_later(later, self._admit, protocol, waits - 1)
+            if self.certificate is not None and looks > 0:  # set after the TLS handshake
+                later = self.limits.request_seconds / _HANDSHAKE_LOOKS
+                asyncio.get_running_loop().call_later(later, self._admit, protocol, looks - 1)
             return
         self._transports.add(transport)
         if sum(not t.is_closing() for t in self._transports) > self.limits.connections:

@@ -15,9 +15,9 @@ from manip3d.errors import InputError
 
 Item = TypeVar("Item")
 
-MIN_POINTS = 3
+MIN_POINTS = 3  # those of one face
 _AIM = 0.97  # share of the allowed bytes to aim at, because a size is only predicted
-_MAX_TRIES = 8
+_MAX_TRIES = 8  # each one is a whole simplification
 
 
 @dataclass(frozen=True)

@@ -68,7 +68,7 @@ if TYPE_CHECKING:
 
     from manip3d._util.options import Progress
 
-_MAX_TRIES = 4
+_MAX_TRIES = 4  # of `_filled`; each one joins all views anew
 _READ, _PREPARED, _JOINED = 0.1, 0.5, 0.9  # shares of the work after three of its stages
 _BYTES_PER_PIXEL = 130  # memory of a view for each measured pixel
 

@@ -27,9 +27,9 @@ from manip3d.simplify._time_stamps import MAX_SECONDS_APART, associate, seconds
 
 _NUMBER = r"[0-9]+(?:\.[0-9]+)?"
 _IMAGE_SUFFIXES = (*DEPTH_SUFFIXES, ".jpg", ".jpeg", ".bmp", ".ppm", ".webp")
-_FRAMES_FOR_A_GUESS = 9
+_FRAMES_FOR_A_GUESS = 9  # the most frequent guess among these counts
 _LEAST_EPOCH = 10**9  # the year 2001 in seconds since 1970: greater numbers are no frame numbers
-_MOST_FRAMES = 90_000_000
+_MOST_FRAMES = 90_000_000  # a longer range is one of times: these are five weeks at 30 Hz
 _Frame = TypeVar("_Frame")
 _MOST_SECONDS = 9e9  # greater numbers are dates; nanoseconds of these do not fit 64 bits
 

@@ -67,15 +67,15 @@ _BYTES = {
     ),
 }  # fmt: skip
 _BYTES_LEFT = {"fast": 80, "quality": 210}  # additional bytes for each face of the result
-_MARGIN = 1.1
-_CONSTANT = 16 << 20
+_MARGIN = 1.1  # factor on measured bytes, for meshes unlike those measured
+_CONSTANT = 16 << 20  # bytes that do not grow with the mesh
 
 # Options that are passed on unchanged only if the whole mesh is simplified in one run.
 _ONE_RUN_OPTIONS = frozenset({"max_distance", "importance", "locked"})
 
 _SLACK = 1.25  # least number of faces that the chosen mode starts with, per face of the target
 _MIN = 20_000  # least faces of a part; in smaller parts too many faces lie at the borders
-_DEEPEST = 12
+_DEEPEST = 12  # 4096 parts of `_MIN` faces: more than 80 million faces
 _PART_EXCESS = 1.25  # size of the largest part over the mean, because parts are not equally large
 _CUTS = (0.5, 0.35, 0.6)  # share below the cut in each round; borders move, so that none remains
 

@@ -16,7 +16,7 @@ from manip3d.study._engine import ListedStudy
 from manip3d.study._steps import Field, Step, Value
 from manip3d.study._store import Session
 
-LIKERT = 7
+LIKERT = 7  # answers go from 1 to this
 ENDS = ("strongly agree", "strongly disagree")
 # Scores from 1 to 3 agree, 4 is neutral. The dissertation does not say which scores it counts.
 _AGREE = 3

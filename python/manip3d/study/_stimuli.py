@@ -254,7 +254,7 @@ def _write_manifest(folder: Path, items: Sequence[Item]) -> None:
 
 
 _EXAMPLE, _LOW = "example", "low"
-_MAX_STIMULI = 10_000
+_MAX_STIMULI = 10_000  # more than anybody can rate; such a folder is a mistake
 _MAX_BYTES = 1 << 28  # largest size of a stimulus
 
 
@@ -463,10 +463,10 @@ def _clip(pictures: Sequence[Image], *, low: bool) -> bytes:
     return stream.getvalue()
 
 
-_SCAN_DEG = 0.2
+_SCAN_DEG = 0.2  # degrees of azimuth and elevation per cell
 _SCAN_VIEW = ((-40.0, 40.0), (-30.0, 24.0))
 _SCAN_EDGE = 0.25  # metres; triangles with longer edges are left out
-_PLACES = 8
+_PLACES = 8  # random places that are tried for each object or dent
 _OBJECTS = ("head", "rocker", "lifeboat")
 
 

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 EDGE_COLOR = (0.10, 0.13, 0.18)
 BOUNDARY_COLOR = (0.90, 0.10, 0.20)
 SMALLEST = 1.6  # smallest width of a point, pixels; the same as in points.js
-LARGEST = 40.0
+LARGEST = 40.0  # largest width; the same as in points.js
 LINE_WIDTH = 2.5  # pixels
 SUPERSAMPLING = 2  # drawn pixels per pixel and axis; smooth edges with any driver
 
