@@ -506,6 +506,10 @@ class AlertMonitor:
         is_alone: bool,
         is_accused: bool,
     ) -> tuple[Inspection | None, WitnessReport]:
+        """Return the result and report of forensics, if they are due and the time allows for them.
+
+        In the background, the result is that of an earlier frame, and this frame is taken up next.
+        """
         # The displacement of a verified watermark is allowed for; its own report says the rest.
         verified = watermark if watermark is not None and watermark.content == "intact" else None
         is_accused = is_accused and self._every < math.inf

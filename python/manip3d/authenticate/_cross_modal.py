@@ -584,6 +584,7 @@ def _region(
     heading: float,
     rows: NDArray[np.int32],
 ) -> CrossModalRegion:
+    """Return a region of the kernel's answer, whose score is its evidence per least evidence."""
     (
         added,
         cells,

@@ -254,6 +254,10 @@ def _processing_of_lattice(
     generic: GenericResult,
     reading: LatticeReading | None,
 ) -> list[Processing]:
+    """Return what was done to the whole cloud: the rules of its lattice that it breaks everywhere.
+
+    A single place that breaks a rule was edited; all of them show processing.
+    """
     found = []
     contradicted, lattice = generic.contradicted, sensor.lattice
     if sensor.is_own:  # such a lattice knows neither order nor what lies outside of its lines

@@ -139,6 +139,11 @@ def _turned_box(box: tuple[int, int, int, int]) -> tuple[int, int, int, int]:
 def _judged_along_rows(
     frames: Sequence[RgbdFrame],
 ) -> tuple[StreamReport, tuple[StreamRegion, ...], Mask]:
+    """Return the report on silhouettes that cross rows of pixels, and the regions of a cut-out.
+
+    Sharp silhouettes accuse only if nothing else can have made them: a renderer, a filter that
+    repeats or fills pixels, and surfaces without a shadow are asked one after the other.
+    """
     found = [_cut_out(frame) for frame in frames]
     best = [max((object_.share for object_ in objects), default=None) for objects in found]
     told = [share for share in best if share is not None]

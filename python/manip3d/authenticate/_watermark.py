@@ -845,6 +845,10 @@ def _box_around(points: NDArray[np.float32]) -> Box:
 
 
 def _result(found: Mapping[str, Any], frame: LidarFrame) -> WatermarkResult:
+    """Return the kernel's answer as a result, with a region for each tile that is not intact.
+
+    A record without a readable header has neither tiles nor regions.
+    """
     header = found["header"]
     common: dict[str, Any] = {
         "verdict": _VERDICTS[found["verdict"]],

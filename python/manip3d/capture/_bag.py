@@ -370,6 +370,17 @@ class BagRecording:
         return dict(self._counters)
 
     def _header(self) -> dict[str, Any]:
+        """Return the next header that the reader of the bag sends: a cloud's, or the end.
+
+        Its other headers are reasons for which the bag cannot be read, and raise errors.
+
+        Raises
+        ------
+        FormatError
+            The bag is damaged, of another kind, or has no point clouds.
+        InputError
+            The bag has several topics of point clouds, or not the one that was asked for.
+        """
         assert self._process.stdout is not None
         line = self._process.stdout.readline()
         if not line.endswith(b"\n"):

@@ -288,6 +288,7 @@ _RAY_TABLE = "kinect2_rays"
 
 
 def _data_sets() -> tuple[DataSet, ...]:
+    """Return the data sets of all recordings and of the Kinect's ray table."""
     rows = list(table("rgbd.csv"))
     sets = []
     for name, recording in _RECORDINGS.items():

@@ -523,6 +523,7 @@ def _felt(felt: FeltRecord, patient: Mapping[str, str]) -> dict[str, Any]:
 
 
 def _game(game: DiaryGame, patient: Mapping[str, str]) -> dict[str, Any]:
+    """Return a game as a FHIR observation, whose components are its scores and circumstances."""
     found = _observation({"text": f"Exercise game {game.game}"}, patient, game.at)
     if game.ending == "interrupted":
         found["status"] = "preliminary"

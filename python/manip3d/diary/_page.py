@@ -258,6 +258,7 @@ def _alarms(
 def _page(
     diary: Diary, identifier: str, today: date, clips: bool, *, is_linked: bool = False
 ) -> str:
+    """Return the page of a participant; sessions of simulated people count nowhere."""
     require_scipy()
     person = diary.participant(identifier)
     sessions = diary.sessions(identifier)

@@ -99,6 +99,7 @@ _BENT: tuple[tuple[str, str, dict[str, Any]], ...] = (
 
 
 def _cases(plan: Plan) -> list[Case]:
+    """Return the cases of each kind of error; the quick scale takes every few of them."""
     full = plan.scale == "full"
     seed = {"seed": plan.seed}
 

@@ -385,6 +385,7 @@ def _scan_commands(recorded: bool) -> list[str]:
 
 
 def _tell_scan(folder: Path, printed: Sequence[Any]) -> Shown:
+    """Return pictures and facts of a scan before and after a car was added."""
     from manip3d.experiments._scan_pictures import Eye, draw_scan
     from manip3d.io import read_scan
 
@@ -439,6 +440,7 @@ def _proof_commands(recorded: bool) -> list[str]:
 
 
 def _tell_proof(folder: Path, printed: Sequence[Any]) -> Shown:
+    """Return pictures and facts of a watermarked scan before and after an object was moved."""
     from manip3d.experiments._scan_pictures import Eye, draw_scan
     from manip3d.io import read_scan
 

@@ -119,6 +119,7 @@ def _whole(values: NDArray[np.float64], name: str) -> NDArray[Any]:
 
 
 def _read_one(file: Any, index: int, path: Path) -> LidarFrame:
+    """Return a scan position without invalid points; coordinates of maps are moved near zero."""
     header = file.get_header(index)
     data = _columns_of(file, header)
     keep = np.ones(header.point_count, np.bool_)

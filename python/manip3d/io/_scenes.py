@@ -438,6 +438,7 @@ def _start(data: bytes) -> tuple[str, bytes]:
 def _read_local(
     local: Path, allow_outside: bool, limit: int, look: Callable[[float], None] | None, name: str
 ) -> Scene:
+    """Return the scene of a local file; ``name`` stands for it in errors and in the result."""
     nodes, meshes, document, buffer, warnings = _core.read_scene(
         os.fsencode(local), allow_outside, limit, decode_draco, look
     )

@@ -136,6 +136,10 @@ def append_error(
 def _append_entry(
     path: str | os.PathLike[str], source: str, source_sha256: str, content: Mapping[str, Any]
 ) -> str:
+    """Append an entry to a log and return its hash, which includes that of the entry before.
+
+    An incomplete last line is kept in a file of its own; no other line is changed.
+    """
     target = path_of(path)
     with _locked(target) as descriptor:
         end, torn = _checked_end(descriptor, path)

@@ -547,6 +547,7 @@ class LocalServer:
             client._offer(frame)
 
     async def _serve(self, ready: threading.Event) -> None:
+        """Serve pages and streams until the session is told to stop, then close all connections."""
         from aiohttp import web
 
         @web.middleware

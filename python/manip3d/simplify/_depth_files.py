@@ -367,6 +367,10 @@ def _area(found: DepthSimplification) -> float:
 
 
 def _from_scan(path: Path, output: Path, options: DepthOptions, files: MapFiles) -> DepthFileResult:
+    """Simplify a range scan or an organised cloud, by its camera if its points show one.
+
+    Without a camera the grid itself says which points are neighbours.
+    """
     grid = read_range_grid(path)
     is_cloud = is_cloud_file(path)
     camera = find_camera(grid) if is_cloud else camera_of_scan(grid)

@@ -213,6 +213,7 @@ def result_of(
     measured: Measured,
     **more: Any,
 ) -> DepthFileResult:
+    """Return the result for one image; measures that a method lacks keep their defaults."""
     found = made.found
     reached = getattr(found, "reached", None)
     return DepthFileResult(

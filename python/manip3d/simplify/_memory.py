@@ -130,6 +130,16 @@ class _Plan:
 
 
 def _plan(mesh: Mesh, mode: str, memory: int, target: int) -> _Plan:
+    """Return the stages that bring the mesh to the target within the memory limit.
+
+    The chosen mode simplifies as many faces as fit; before that, ``fast`` brings the mesh to this
+    number, in as few parts as the limit allows, because faces at the parts' borders stay.
+
+    Raises
+    ------
+    InputError
+        Even the smallest parts need more memory.
+    """
     release_unused()
     held = resident_bytes()
     if held is None:

@@ -709,6 +709,10 @@ class BodySimulator:
     def _skeletons(
         self, cast: _Cast, view: _View, time: float, random: np.random.Generator
     ) -> tuple[Skeleton, ...]:
+        """Return what the tracker says of the people it sees: their joints, with its errors.
+
+        Joints that are hidden are inferred, and jitter five times as much.
+        """
         found = []
         lost, swapped = _within(self.lost, time), _within(self.swapped, time)
         for number, figure in enumerate(cast.figures):
@@ -993,6 +997,7 @@ class _Cast:
         return self._views[key]
 
     def _look(self, camera: Intrinsics, eye: Floats, scenery: Scenery, threads: int) -> _View:
+        """Return what a camera sees: the nearest surface of scenery, people and board."""
         back = scenery.seen_by(camera, eye)
         depth, slant, color = back.depth.copy(), back.slant.copy(), back.color.copy()
         people = np.full(depth.shape, NO_BODY, np.uint8)

@@ -198,6 +198,7 @@ class DisplayStudy(ListedStudy):
         return {}
 
     def variables(self) -> Sequence[tuple[str, Field]]:
+        """Return the session, the scores of all questions for each display, and the remarks."""
         found = []
         for number, display in enumerate(self.displays):
             found.append(

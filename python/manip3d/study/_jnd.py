@@ -353,6 +353,16 @@ class JndStudy(Study):
         return found
 
     def next_step(self, session: Session) -> Step | None:
+        """Return a comparison of a staircase that is not over, or first a measure of the screen.
+
+        Staircase and side are drawn from the session and the number of its trials, so that a page
+        that is opened again shows the same comparison.
+
+        Parameters
+        ----------
+        session : Session
+            The participant's answers so far.
+        """
         staircases = self.staircases(session)
         open_ones = [n for n, stairs in enumerate(staircases) if not self.rules.is_over(stairs)]
         if not open_ones:

@@ -133,6 +133,7 @@ def open_address(url: str, size: tuple[int, int]) -> Iterator[Tab]:
 
 @contextlib.contextmanager
 def _browser(folder: Path, size: tuple[int, int]) -> Iterator[Tab]:
+    """Start a browser without a window and yield its tab; the browser ends with the context."""
     with contextlib.ExitStack() as stack:
         pipes = []
         for ends in (os.pipe(), os.pipe()):

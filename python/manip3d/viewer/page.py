@@ -172,6 +172,11 @@ def _floats(values: Points) -> str:
 
 
 def _points_entry(cloud: DrawnPoints, placement: Placement) -> dict[str, Any]:
+    """Return the JSON value of points for the page: positions, columns of values, and lines.
+
+    Positions are stored in 16 bits per coordinate, unless outliers would leave too few for the
+    rest.
+    """
     # In random order, the first n points are an even sample of all.
     order = np.random.default_rng(0).permutation(cloud.num_points)
     placed = placement(cloud.points[order].astype(np.float64))
