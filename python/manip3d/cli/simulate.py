@@ -36,7 +36,10 @@ def write_simulated(
 
     name = source.removeprefix("sim:")
     if name == "street":
-        return _street(output, terminal, frames, pictures, surround, force, threads, seed)
+        return _street(
+            output, terminal, frames=frames, pictures=pictures, surround=surround, force=force,
+            threads=threads, seed=seed,
+        )  # fmt: skip
     if name in {**scenes.SCENES, **scenes.CALIBRATION}:
         return _scan(name, output, terminal, resolution, threads, seed)
     if name in models.MODELS:
@@ -72,6 +75,7 @@ def _model(name: str, output: Path, terminal: Terminal, seed: int) -> dict[str, 
 def _street(
     output: Path,
     terminal: Terminal,
+    *,
     frames: int,
     pictures: bool,
     surround: bool,

@@ -465,10 +465,8 @@ def _relief_of_view(
         open_pixels,
         view.rows_up,
         options,
-        None,
-        None,
         surface,
-        view.confidence,
+        confidence=view.confidence,
     )
 
 

@@ -220,9 +220,10 @@ def run_relief(
     valid: NDArray[np.bool_],
     rows_up: bool,
     options: _core.ReliefOptions,
-    color: NDArray[np.uint8] | None,
-    registration: Registration | None,
     surface: DenseImage | DenseGrid,
+    *,
+    color: NDArray[np.uint8] | None = None,
+    registration: Registration | None = None,
     confidence: NDArray[np.float32] | None,
 ) -> Relief:
     fields = solver.run(points, valid, rows_up, options, confidence)
@@ -492,10 +493,9 @@ def relief_grid(
         used,
         bool(rows_up),
         options,
-        picture,
-        None,
         surface,
-        confidence_image(confidence, used.shape),
+        color=picture,
+        confidence=confidence_image(confidence, used.shape),
     )
 
 
@@ -714,10 +714,10 @@ class ReliefStream:
                 valid.reshape(image.shape).view(np.bool_),
                 rows_up,
                 self._options,
-                picture,
-                self._registration,
                 surface,
-                shares,
+                color=picture,
+                registration=self._registration,
+                confidence=shares,
             )
             self._show(found)
             return found

@@ -248,7 +248,7 @@ def _side(
         if random.random() < parked:
             at = (float(x + random.normal(0, 0.3)), side * (half_road - 1.05))
             heading = (np.pi if side > 0 else 0.0) + float(random.normal(0, 0.02))
-            _put(builder, relief, things.car(random), Label.CAR, at, heading, 0.0)
+            _put(builder, relief, things.car(random), Label.CAR, at, heading, rise=0.0)
     for x in np.arange(8.0, LENGTH, float(random.uniform(18, 32))):
         post = things.lamp_post(random) if random.random() < 0.7 else things.sign(random)
         _put(
@@ -265,7 +265,7 @@ def _side(
                 )
                 bush = [(p, textures.leaves(random)) for p, _ in bush]
                 at = (float(x), side * (half_road + pavement + 0.6))
-                _put(builder, relief, bush, Label.VEGETATION, at, 0.0)
+                _put(builder, relief, bush, Label.VEGETATION, at)
     for x in random.uniform(20.0, LENGTH - 20.0, 8):
         thing = things.bin_(random) if random.random() < 0.5 else things.bench()
         at = (float(x), side * (half_road + pavement - 0.4))
@@ -324,7 +324,8 @@ def _put(
     parts: Parts,
     label: Label,
     at: tuple[float, float],
-    yaw: float,
+    yaw: float = 0.0,
+    *,
     rise: float = 0.11,
     more: tuple[tuple[Parts, Label], ...] = (),
 ) -> None:
@@ -336,7 +337,7 @@ def _tree(builder: WorldBuilder, random: Random, relief: Relief, at: tuple[float
     parts = things.tree(random, float(random.uniform(5.0, 10.0)), leaves=700)
     wood = [(patch, textures.bark()) for patch, _ in parts[:-1]]
     crown = [(parts[-1][0], textures.leaves(random))]
-    _put(builder, relief, wood, Label.TRUNK, at, 0.0, more=((crown, Label.VEGETATION),))
+    _put(builder, relief, wood, Label.TRUNK, at, more=((crown, Label.VEGETATION),))
 
 
 # --- Traffic ------------------------------------------------------------------------------------

@@ -203,7 +203,7 @@ def _dictionary(study: Study) -> Iterable[Sequence[str]]:
     form = f"study_{study.common.kind}"
     yield _entry("record_id", form, "", "text", "Participant code")
     choices = "unfinished, Unfinished | finished, Finished"
-    yield _entry("state", form, "", "radio", "State", choices)
+    yield _entry("state", form, "", "radio", "State", choices=choices)
     last = ""
     for part, field in (*_about(study), *study.variables()):
         header = part if part != last else ""
@@ -211,18 +211,21 @@ def _dictionary(study: Study) -> Iterable[Sequence[str]]:
         if field.type == "choice":
             labels = (_choice_label(label) for _, label in field.choices)
             coded = " | ".join(f"{n}, {label}" for n, label in enumerate(labels, 1))
-            yield _entry(field.name, form, header, "radio", field.label, coded)
+            yield _entry(field.name, form, header, "radio", field.label, choices=coded)
         elif field.type == "scale":
             scores = range(int(field.low), int(field.high) + 1)
             ends = {int(field.low): field.ends[0], int(field.high): field.ends[1]}
             coded = " | ".join(f"{n}, {n} {ends.get(n, '')}".strip() for n in scores)
-            yield _entry(field.name, form, header, "radio", field.label, coded)
+            yield _entry(field.name, form, header, "radio", field.label, choices=coded)
         elif field.type == "text":
             yield _entry(field.name, form, header, "notes", field.label)
         else:
             has_bounds = (field.low, field.high) != (0.0, 0.0)
             low, high = (_exact(field.low), _exact(field.high)) if has_bounds else ("", "")
-            yield _entry(field.name, form, header, "text", field.label, "", "number", low, high)
+            yield _entry(
+                field.name, form, header, "text", field.label,
+                validation="number", low=low, high=high,
+            )  # fmt: skip
 
 
 def _choice_label(label: str) -> str:
@@ -242,6 +245,7 @@ def _entry(
     header: str,
     kind: str,
     label: str,
+    *,
     choices: str = "",
     validation: str = "",
     low: str = "",

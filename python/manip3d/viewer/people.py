@@ -147,7 +147,9 @@ def mesh_picture(
     """
     images = (color, _color_of_phantom(phantom, color, phantom_color))
     surface = (phantom.vertices, phantom.faces, phantom.texcoords)
-    return _drawn(*surface, images, phantom.phantom_faces, camera, azimuth, threads)
+    return _drawn(
+        *surface, images, phantom.phantom_faces, camera=camera, azimuth=azimuth, threads=threads
+    )
 
 
 def surface_picture(
@@ -178,7 +180,10 @@ def surface_picture(
         Open3D is not installed: ``pip install 'manip3d[simulate]'``.
     """
     one = np.zeros(len(faces), np.bool_)
-    return _drawn(vertices, faces, texcoords, (color, color), one, camera, azimuth, threads)
+    return _drawn(
+        vertices, faces, texcoords, (color, color), one,
+        camera=camera, azimuth=azimuth, threads=threads,
+    )  # fmt: skip
 
 
 def _drawn(
@@ -187,6 +192,7 @@ def _drawn(
     texcoords: NDArray[np.float32],
     images: tuple[Image | None, Image | None],
     is_second: NDArray[np.bool_],
+    *,
     camera: Intrinsics,
     azimuth: float,
     threads: int,
