@@ -46,7 +46,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from manip3d.camera import Intrinsics
-    from manip3d.capture import RgbdSource
+    from manip3d.capture import Recording, RgbdSource
 
 app = typer.Typer(
     name="capture",
@@ -241,6 +241,20 @@ def write_recording(
         )
     if was_there and not done.frames:
         raise InputError(f"{source.uri}: expected a frame, found none; {output} is as it was")
+    _tell_of_recording(terminal, source, output, done)
+    return {
+        **asdict(done),
+        "path": str(done.path),
+        "source": source.uri,
+        "flipped": list(source.flipped),
+        "assumed_rate": source.assumed_rate,
+    }
+
+
+def _tell_of_recording(
+    terminal: Terminal, source: RgbdSource, output: Path, done: Recording
+) -> None:
+    """Print what was recorded, and warn of what was left out."""
     told = "" if done.frames_with_skeleton else "; no frame of the source has a skeleton"
     terminal.say(f"wrote {output}: {counted(done.frames, 'frame')}, {done.seconds:.2f} s{told}")
     if str(output).startswith("tum:") and done.frames_with_skeleton:
@@ -259,13 +273,6 @@ def write_recording(
         forged, real = (done.source_counters[name] for name in ("forged", "real"))
         why = "" if forged else "; without a background, the first 30 frames of a source stay real"
         terminal.say(f"{count(forged)} of {counted(forged + real, 'frame')} forged{why}")
-    return {
-        **asdict(done),
-        "path": str(done.path),
-        "source": source.uri,
-        "flipped": list(source.flipped),
-        "assumed_rate": source.assumed_rate,
-    }
 
 
 def play(

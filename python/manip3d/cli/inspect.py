@@ -576,29 +576,25 @@ def inspect_drive(
     )
     with _logging_errors(log, source):
         for number, each in enumerate(judged):
-            name = drive.names[number]
+            name, error = drive.names[number], drive.errors.get(number, "")
             found.append(None if each is None else replace(each, **_WITHOUT_MAPS))
-            if each is None:
-                records.append({"frame": name, "error": drive.errors[number]})
-                shell.show(f"{name}  error  {drive.errors[number]}")
-                if log is not None:
-                    append_error(
-                        log, drive.errors[number], source=f"{shown(source)}: {name}",
-                        source_sha256=_sha256_of_frame(drive.paths.get(number), whole_sha256),
-                    )  # fmt: skip
-                continue
-            records.append({"frame": name} | each.record())
-            shell.show(f"{name}  {each.verdict}  {each.reason}")
+            about = {"error": error} if each is None else each.record()
+            records.append({"frame": name} | about)
+            said = f"error  {error}" if each is None else f"{each.verdict}  {each.reason}"
+            shell.show(f"{name}  {said}")
             if log is not None:
                 digest = _sha256_of_frame(drive.paths.get(number), whole_sha256)
-                report.append_log(
-                    log, each, source=f"{shown(source)}: {name}", source_sha256=digest
-                )
+                entry = {"source": f"{shown(source)}: {name}", "source_sha256": digest}
+                if each is None:
+                    append_error(log, error, **entry)
+                else:
+                    report.append_log(log, each, **entry)
     times_ns = [drive.times_ns.get(number) for number in range(len(found))]
     together = authenticate.judge_drive(found, places, times_ns=times_ns)
     row = together.record()
     if log is not None:
         report.append_log(log, together, source=shown(source), source_sha256=whole_sha256)
+    whole = row | {"frames": records}
     if output is not None:
         if output.suffix.lower() == ".html":
             report.write_drive_evidence(
@@ -606,11 +602,10 @@ def inspect_drive(
                 errors=list(drive.errors.values()), numbers=places, times_ns=times_ns,
             )  # fmt: skip
         else:
-            whole = finite(row | {"frames": records})
-            atomic_write(output, (json.dumps(whole, indent=1) + "\n").encode())
+            atomic_write(output, (json.dumps(finite(whole), indent=1) + "\n").encode())
         shell.say(f"wrote {output}")
     shell.result(
-        row if shell.is_collecting else row | {"frames": records},
+        row if shell.is_collecting else whole,
         lambda console: show_drive(console, together, found),
     )
     return together
