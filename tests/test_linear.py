@@ -7,7 +7,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from manip3d._util.linear import line_fit, product
+from manip3d._util.linear import eigen, inverse, line_fit, product
 
 SHAPES = [
     ((3,), (3,)),
@@ -45,3 +45,37 @@ def test_a_line_is_fitted_as_exactly_as_doubles_allow() -> None:
     assert line_fit(x, y) == pytest.approx(
         (float(slope), float(mean_v - slope * mean_u)), rel=1e-12
     )
+
+
+@pytest.mark.parametrize("size", [1, 2, 3, 4, 12])
+def test_inverse_and_eigenvectors_are_those_of_lapack(size: int) -> None:
+    random = np.random.default_rng(size)
+    for _ in range(20):
+        a = random.normal(size=(size, size))
+        np.testing.assert_allclose(product(inverse(a), a), np.eye(size), atol=1e-10)
+    symmetric = random.normal(size=(5, size, size))
+    symmetric = symmetric + symmetric.swapaxes(1, 2)
+    values, vectors = eigen(symmetric)
+    np.testing.assert_allclose(np.sort(values), np.linalg.eigvalsh(symmetric), atol=1e-13)
+    np.testing.assert_allclose(
+        product(symmetric, vectors), vectors * values[:, None], atol=1e-13 * size
+    )
+    np.testing.assert_allclose(
+        product(vectors.swapaxes(1, 2), vectors), np.tile(np.eye(size), (5, 1, 1)), atol=1e-13
+    )
+
+
+def test_matrices_that_are_nearly_singular() -> None:
+    """Pivots keep the digits of needles; what has no inverse is refused."""
+    needle = [[0.6, 0.8e-9, 0.0], [-0.8, 0.6e-9, 0.0], [0.0, 0.0, 1e-9]]
+    np.testing.assert_allclose(
+        inverse(needle), [[0.6, -0.8, 0.0], [0.8e9, 0.6e9, 0.0], [0.0, 0.0, 1e9]], atol=1e-6
+    )
+    with pytest.raises(np.linalg.LinAlgError):
+        inverse([[1.0, 2.0], [2.0, 4.0]])
+
+
+def test_small_eigenvalues_are_as_precise_as_large_ones() -> None:
+    values, vectors = eigen(np.diag([1e-300, 1e300, 0.0]))
+    assert values.tolist() == [1e-300, 1e300, 0.0]
+    assert (vectors == np.eye(3)).all()

@@ -1,8 +1,9 @@
 """Organised clouds (PCD of depth cameras) are depth images with their own camera and colours."""
 
+import hashlib
 import itertools
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -744,3 +745,26 @@ def test_a_cloud_without_gaps_keeps_its_grid_and_its_columns(tmp_path: Path) -> 
     np.save(tmp_path / "a.npy", whole)
     io.read_scan(tmp_path / "a.npy").write(tmp_path / "b.npy")
     assert np.array_equal(np.load(tmp_path / "b.npy"), whole)
+
+
+@pytest.mark.golden
+def test_a_turned_cloud_is_the_same_bytes_everywhere(
+    tmp_path: Path, golden: Callable[[str, object], None]
+) -> None:
+    """A BLAS would fit a camera that depends on the processor."""
+    v, u = np.mgrid[:ROWS, :COLS]
+    depth = (1900 + (u - 40) ** 2 + (v - 20) ** 2 // 2) / 1000
+    depth[20:40, 30:50] = 1.2
+    depth[:10, :12] = 0.0
+    x, y, z = np.moveaxis(points_of(depth.astype(np.float32)).astype(np.float64), -1, 0)
+    turned = np.stack([0.8 * z + 0.6 * y + 0.3, -x - 0.1, 0.6 * z - 0.8 * y + 1.2], axis=-1)
+    result = made(write_pcd(tmp_path / "cloud.pcd", turned), tmp_path / "out.ply")
+    assert "organised cloud" in result.depth
+    vertices = io.read_mesh(tmp_path / "out.ply").vertices
+    found = find_camera(io.RangeGrid(turned, depth > 0))
+    assert found is not None
+    arrays = (vertices, found.depth, found.rotation, found.centre, found.intrinsics.rays)
+    digest = hashlib.sha256()
+    for array in arrays:
+        digest.update(np.ascontiguousarray(array).tobytes())
+    golden("turned cloud", digest.hexdigest())

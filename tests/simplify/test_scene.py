@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
+import math
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -12,6 +14,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+import exact_models
 from command_line import manip3d
 from gltf_files import glb, scene_of
 from manip3d import InputError, Mesh, _core, io, metrics, read_mesh, simplify
@@ -639,3 +642,28 @@ def test_a_texture_of_any_format_is_seen(
         patch.setattr("manip3d.simplify._scene.runner", lambda _: run)
         simplify.simplify_scene(scene, target_faces=20)
     assert told == [is_seen]
+
+
+@pytest.mark.golden
+def test_a_scene_of_turned_instances_is_the_same_bytes_everywhere(
+    tmp_path: Path, golden: Callable[[str, object], None]
+) -> None:
+    """Products of transforms, and of vertices with them, depend on the BLAS if it makes them."""
+    turns = ([0.1, 0.3, 0.5, 0.8], [0.7, -0.1, 0.1, 0.7], [0.5, 0.5, -0.1, 0.7])
+    nodes: list[dict[str, Any]] = [{"children": [1, 3, 5], "scale": [1.1, 0.9, 1.3]}]
+    for number, turn in enumerate(turns):
+        length = math.sqrt(sum(each * each for each in turn))
+        nodes.append({"rotation": [each / length for each in turn], "children": [2 * number + 2]})
+        nodes.append(
+            {"mesh": number % 2, "translation": [0.3, 2.1 * number, 0.7], "scale": [0.7] * 3}
+        )
+    meshes = [
+        (mesh.vertices, mesh.faces) for mesh in (exact_models.ball(21), exact_models.hill(31))
+    ]
+    scene = io.read_scene(scene_file(tmp_path / "scene.glb", meshes, nodes))
+    digest = hashlib.sha256()
+    for mode in ("quality", "fast"):
+        result = simplify.simplify_scene(scene, mode, ratio=0.1)
+        result.scene.write(tmp_path / "simplified.glb")
+        digest.update((tmp_path / "simplified.glb").read_bytes() + result.max_error.hex().encode())
+    golden("scene of turned instances", digest.hexdigest())

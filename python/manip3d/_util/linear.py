@@ -1,8 +1,9 @@
-"""Matrix products and line fits that give the same bits on every processor.
+"""Linear algebra that gives the same bits on every processor.
 
-NumPy passes ``@``, ``dot``, the norm of one vector and ``polyfit`` to a BLAS, which chooses its
-kernels by processor: with or without fused multiply-add, and in different orders of summation. Use
-these functions instead if the last bit matters, or if equal input must give equal output.
+NumPy passes ``@``, ``dot``, the norm of one vector, ``polyfit`` and most of ``numpy.linalg`` to a
+BLAS, which chooses its kernels by processor: with or without fused multiply-add, and in different
+orders of summation. Use these functions instead if the last bit matters, or if equal input must
+give equal output.
 """
 
 from __future__ import annotations
@@ -18,6 +19,80 @@ def product(a: ArrayLike, b: ArrayLike) -> NDArray[Any]:
     left, right = np.asarray(a), np.asarray(b)
     how = {1: "...i,i->...", 2: "...i,ij->...j"}.get(right.ndim, "...ij,...jk->...ik")
     return np.asarray(np.einsum(how, left, right))  # optimize=True would call a BLAS
+
+
+def inverse(matrix: ArrayLike) -> NDArray[np.float64]:
+    """Return the inverse of a small matrix, by Gauss-Jordan elimination with pivots.
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        The matrix is singular.
+    """
+    size = len(np.asarray(matrix))
+    rows = np.hstack([np.asarray(matrix, np.float64), np.eye(size)])
+    for i in range(size):
+        pivot = i + int(np.argmax(np.abs(rows[i:, i])))
+        rows[[i, pivot]] = rows[[pivot, i]]
+        if rows[i, i] == 0.0:
+            raise np.linalg.LinAlgError("Singular matrix")
+        rows[i] /= rows[i, i]
+        factors = rows[:, i].copy()
+        factors[i] = 0.0
+        rows -= factors[:, None] * rows[i]
+    return rows[:, size:]
+
+
+_MAX_SWEEPS = 30
+"""Largest number of sweeps of `eigen`; matrices of a dozen rows need less than ten."""
+
+
+def eigen(symmetric: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the eigenvalues, (..., n), and eigenvectors of small symmetric (..., n, n) matrices.
+
+    The eigenvectors are the columns of (..., n, n). Cyclic Jacobi method [Golub & Van Loan 2013,
+    sec. 8.5], which unlike LAPACK needs no BLAS.
+    """
+    left = np.array(symmetric, np.float64)
+    size = left.shape[-1]
+    vectors = np.zeros_like(left) + np.eye(size)
+    for _ in range(_MAX_SWEEPS):
+        if not np.triu(left, 1).any():
+            break
+        for p in range(size - 1):
+            for q in range(p + 1, size):
+                c, s = _annihilating(left, p, q)
+                _turn_columns(left, p, q, c, s)
+                _turn_columns(np.swapaxes(left, -1, -2), p, q, c, s)
+                left[..., p, q] = left[..., q, p] = 0.0
+                _turn_columns(vectors, p, q, c, s)
+    return np.diagonal(left, axis1=-2, axis2=-1).copy(), vectors
+
+
+def _annihilating(
+    symmetric: NDArray[np.float64], p: int, q: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return cosine and sine, (..., 1), of the turn after which the entries (p, q) are 0."""
+    off = symmetric[..., p, q, None]
+    apart = symmetric[..., q, q, None] - symmetric[..., p, p, None]
+    with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
+        tau = apart / (2.0 * off)
+        tangent = np.copysign(1.0, tau) / (np.abs(tau) + np.sqrt(1.0 + tau * tau))
+    tangent = np.where(off == 0.0, 0.0, tangent)
+    cosine = 1.0 / np.sqrt(1.0 + tangent * tangent)
+    return cosine, tangent * cosine
+
+
+def _turn_columns(
+    matrices: NDArray[np.float64],
+    p: int,
+    q: int,
+    c: NDArray[np.float64],
+    s: NDArray[np.float64],
+) -> None:
+    one, other = matrices[..., p].copy(), matrices[..., q].copy()
+    matrices[..., p] = c * one - s * other
+    matrices[..., q] = s * one + c * other
 
 
 def line_fit(x: NDArray[np.float64], y: NDArray[np.float64]) -> tuple[float, float]:

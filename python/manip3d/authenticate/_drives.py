@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from manip3d._util.checked import checked
+from manip3d._util.linear import product
 from manip3d._util.options import threads_of
 from manip3d._util.shares import binomial_tail
 from manip3d._util.texts import counted
@@ -361,11 +362,13 @@ def _remarks_of_motion(found: Sequence[Inspection | None]) -> tuple[Processing, 
 
 def _jumps(steps: Mapping[int, NDArray[np.float64]]) -> Processing | None:
     """Remark on steps that differ from both neighbouring steps as no car can accelerate."""
-    lengths = {k: float(np.linalg.norm(step)) for k, step in steps.items()}
+    lengths = {k: float(np.linalg.norm(step, axis=-1)) for k, step in steps.items()}
     jumps = []
     for k, step in steps.items():
         beside = [other for other in (k - 1, k + 1) if other in steps]
-        gained = min((float(np.linalg.norm(step - steps[other])) for other in beside), default=0.0)
+        gained = min(
+            (float(np.linalg.norm(step - steps[other], axis=-1)) for other in beside), default=0.0
+        )
         if gained > _MAX_GAINED and lengths[k] >= max(lengths[other] for other in beside):
             jumps.append(k)
     if not jumps:
@@ -428,8 +431,8 @@ def _steps(found: Sequence[Inspection | None]) -> dict[int, NDArray[np.float64]]
     for k, (each, after) in enumerate(itertools.pairwise(found)):
         if each is None or after is None or each.turns is None or after.turns is None:
             continue
-        there_and_back = each.turns.following @ after.turns.previous
-        if np.linalg.norm(there_and_back[:3, 3]) < _SAME_MOTION:
+        there_and_back = product(each.turns.following, after.turns.previous)
+        if np.linalg.norm(there_and_back[:3, 3], axis=-1) < _SAME_MOTION:
             steps[k] = each.turns.following[:3, 3]
     return steps
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from manip3d._util.linear import line_fit
+from manip3d._util.linear import line_fit, product
 from manip3d.authenticate._lattice import SensorLattice
 from manip3d.authenticate._lattice_steps import (
     LATERALS,
@@ -305,7 +305,7 @@ def _step_trust(
         on = np.abs(off) < EXACT_TOLERANCE
         if on.any():
             spread = rho[rows][on] - rho[rows][on].mean()
-            found[k] = math.sqrt(off[on].var() / max(float(spread @ spread), 1e-12))
+            found[k] = math.sqrt(off[on].var() / max(float(product(spread, spread)), 1e-12))
     return found
 
 

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from manip3d._util.linear import line_fit
 from manip3d.authenticate._generic import generic_consistency
 from manip3d.authenticate._lattice import FIVE_DIGITS_TO, has_whole_millimetres
 from manip3d.authenticate._sensors import is_in_metres
@@ -211,10 +212,10 @@ def _step_of(coordinates: NDArray[np.float32]) -> float | None:
         if not MIN_STEP <= smallest / number <= MAX_STEP:
             continue
         count = np.cumsum(np.round(np.diff(values, prepend=values[0]) * (number / smallest)))
-        step, start = np.polyfit(count, values, 1)
+        step, start = line_fit(count, values)
         off = np.abs(values - (start + step * count))
         if np.mean(off < SINGLE * NEAR_STEPS) > 0.999:
-            return float(step)
+            return step
     return None
 
 

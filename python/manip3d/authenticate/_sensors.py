@@ -14,6 +14,7 @@ import numpy as np
 
 from manip3d._util.arrays import read_only
 from manip3d._util.checked import checked
+from manip3d._util.linear import product
 from manip3d._util.texts import counted
 from manip3d.authenticate._lattice import (
     COLUMNS,
@@ -435,7 +436,7 @@ def nothing_to_tell(points: NDArray[np.float32]) -> str | None:
         return f"fewer than {MIN_POINTS} points"
     some = points[:: max(1, len(points) // 20_000)]
     for tried in (some[: 2 * MIN_DISTINCT], some):  # a few points are enough for most scans
-        if len(np.unique(tried @ np.array([1.0, math.sqrt(2.0), math.pi]))) >= MIN_DISTINCT:
+        if len(np.unique(product(tried, [1.0, math.sqrt(2.0), math.pi]))) >= MIN_DISTINCT:
             return None
     return "nearly all points are copies of a few"
 

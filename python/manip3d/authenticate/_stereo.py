@@ -11,7 +11,7 @@ import numpy as np
 from manip3d._util.arrays import as_array
 from manip3d._util.checked import checked
 from manip3d._util.extras import imported
-from manip3d._util.linear import product
+from manip3d._util.linear import inverse, product
 from manip3d._util.reprs import short_repr
 from manip3d.errors import InputError
 
@@ -127,13 +127,13 @@ class StereoRig:
             raise InputError("left, right: expected a rectified pair, got different cameras")
         # P = K [I | t]: the camera's own frame is shifted by t = K^-1 p4 from the rectified one.
         camera_from_rect = np.eye(4)
-        camera_from_rect[:3, 3] = product(np.linalg.inv(a[:, :3]), a[:, 3])
+        camera_from_rect[:3, 3] = product(inverse(a[:, :3]), a[:, 3])
         camera_from_lidar = product(camera_from_rect, calibration.T_rect_velo)
         return cls(
             float(a[0, 0]),
             (float(a[0, 2]), float(a[1, 2])),
             float((a[0, 3] - b[0, 3]) / a[0, 0]),
-            np.linalg.inv(camera_from_lidar),
+            inverse(camera_from_lidar),
         )
 
 

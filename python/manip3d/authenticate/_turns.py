@@ -11,6 +11,7 @@ import numpy as np
 from manip3d import _core
 from manip3d._util.arrays import rows as as_rows
 from manip3d._util.checked import checked
+from manip3d._util.linear import product
 from manip3d._util.mappings import ReadOnlyMapping
 from manip3d._util.options import threads_of
 from manip3d._util.reprs import short_repr
@@ -379,7 +380,7 @@ def _why_not_judged(
         return "no ground plane was found"
     if not found["judged"]:
         return "the turns before and after could not be aligned with the frame"
-    farthest = max(float(np.linalg.norm(motion[:3, 3])) for motion in motions)
+    farthest = max(float(np.linalg.norm(motion[:3, 3], axis=-1)) for motion in motions)
     if farthest > FARTHEST_MOTION:
         return (
             f"the scanner moved {farthest:.1f} m between two turns; the thresholds hold up to "
@@ -403,8 +404,7 @@ def _is_foreign(
 
 
 def _in_frame(points: NDArray[np.float32], motion: NDArray[np.float64]) -> NDArray[np.float64]:
-    moved: NDArray[np.float64] = points @ motion[:3, :3].T + motion[:3, 3]
-    return moved
+    return np.asarray(product(points, motion[:3, :3].T) + motion[:3, 3])
 
 
 def _points_of(frame: LidarFrame | ArrayLike, name: str) -> NDArray[np.float32]:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from manip3d._util.extras import imported
-from manip3d._util.linear import product
+from manip3d._util.linear import inverse, product
 from manip3d.capture._bag import BagPicture
 from manip3d.errors import FormatError
 from manip3d.io._images import decoded_picture
@@ -91,7 +91,7 @@ def pose_of(
             continue
         parent, child = each["parent"].lstrip("/"), each["child"].lstrip("/")
         edges.setdefault(parent, []).append((child, matrix))
-        edges.setdefault(child, []).append((parent, np.asarray(np.linalg.inv(matrix), np.float64)))
+        edges.setdefault(child, []).append((parent, inverse(matrix)))
     poses = {to.lstrip("/"): np.eye(4)}
     reached = deque(poses)
     while reached:
@@ -106,7 +106,7 @@ def pose_of(
 def rigid(transform: Mapping[str, Any]) -> NDArray[np.float64] | None:
     """Return T_parent_child of a translation and a quaternion (x, y, z, w); None if invalid."""
     x, y, z, w = turn = np.array(transform["rotation"])
-    length = float(turn @ turn)
+    length = float(product(turn, turn))
     if not 0.99 < length < 1.01 or not np.isfinite(transform["translation"]).all():
         return None
     s = 2.0 / length

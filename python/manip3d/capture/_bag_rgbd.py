@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from manip3d._util.callers import caller_level
-from manip3d._util.linear import product
+from manip3d._util.linear import inverse, product
 from manip3d.camera import Intrinsics, Registration, is_brown
 from manip3d.capture._bag import BagPicture, BagRecording
 from manip3d.capture._bag_pictures import decoded, pose_of, rigid, rows_of
@@ -367,7 +367,7 @@ def _realsense_pose(found: Mapping[str, Any], depth: str, color: str) -> NDArray
     to_color, to_depth = rigid(of_color[both[0]]), rigid(of_depth[both[0]])
     if to_color is None or to_depth is None:
         return None
-    return product(to_color, np.asarray(np.linalg.inv(to_depth), np.float64))
+    return product(to_color, inverse(to_depth))
 
 
 def _most_apart_ns(found: Mapping[str, Any], color: str) -> int:

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from manip3d._util.linear import product
 from manip3d.rgbd import RgbdCalibration, RgbdFrame
 
 _BEHIND = 0.03  # metres: 7 times the noise of a time-of-flight camera at 3 m
@@ -24,7 +25,7 @@ def with_one_camera(frame: RgbdFrame) -> RgbdFrame:
     if frame.color is None:
         return replace(frame, calibration=calibration)
     measured = frame.depth > 0
-    points = calibration.depth.unproject(frame.depth)[measured] @ registration.rotation.T
+    points = product(calibration.depth.unproject(frame.depth)[measured], registration.rotation.T)
     points += registration.translation
     pixels = np.nan_to_num(registration.color.project(points), nan=-1.0)
     height, width = frame.color.shape[:2]

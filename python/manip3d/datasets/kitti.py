@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, overload
 import numpy as np
 
 from manip3d._util.checked import checked
-from manip3d._util.linear import product
+from manip3d._util.linear import inverse, product
 from manip3d._util.paths import path_of
 from manip3d._util.reprs import short_repr
 from manip3d._util.text_files import parse_xml, text_of
@@ -501,7 +501,7 @@ def read_labels(path: Path, calibration: KittiCalibration) -> tuple[Box, ...]:
         A line does not end in seven finite numbers, or has a negative size; the error names it.
     """
     boxes = []
-    velo_rect = np.linalg.inv(calibration.T_rect_velo)
+    velo_rect = inverse(calibration.T_rect_velo)
     for number, line in enumerate(text_of(path).splitlines(), 1):
         words = line.split()
         if not words or words[0] == "DontCare":

@@ -499,7 +499,8 @@ class _Followed:
         else:
             middle = last.positions[0]
             near = {
-                float(np.linalg.norm(one.positions[0] - middle)): one for one in frame.skeletons
+                float(np.linalg.norm(one.positions[0] - middle, axis=-1)): one
+                for one in frame.skeletons
             }
             found = next((one for one in frame.skeletons if one.id == last.id), None)
             if found is None and near and min(near) < self._NEAR:

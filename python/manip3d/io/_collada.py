@@ -18,6 +18,7 @@ from urllib.parse import unquote
 import numpy as np
 
 from manip3d import _core
+from manip3d._util.linear import product
 from manip3d._util.text_files import parse_xml_bytes
 from manip3d.errors import FormatError, InputError
 from manip3d.io._pieces import NONE, Piece, join
@@ -265,7 +266,7 @@ class _Scene:
         """Yield the geometries below a node. Matrices act on row vectors: (x, y, z, 1) @ matrix."""
         if self.sizes[id(node)] == 0:
             return
-        matrix = _transform(node) @ above
+        matrix = product(_transform(node), above)
         for instance in _instances(node):
             bound = self.bind_shape(instance)
             at = matrix if bound is None else bound
@@ -304,7 +305,7 @@ def _transform(node: Element) -> NDArray[np.float64]:
     for element in node:
         make = _TRANSFORMS.get(element.tag)
         if make is not None:
-            matrix = make(element) @ matrix
+            matrix = product(make(element), matrix)
     return matrix
 
 
@@ -332,14 +333,14 @@ def _scale(element: Element) -> NDArray[np.float64]:
 def _rotate(element: Element) -> NDArray[np.float64]:
     """Return a rotation by Rodrigues' formula; the identity if the axis has length 0."""
     *axis, degrees = _values(element, 4)
-    length = float(np.linalg.norm(axis))
+    length = float(np.linalg.norm(axis, axis=-1))
     matrix = np.eye(4)
     if not 0.0 < length < np.inf:
         return matrix
     x, y, z = np.asarray(axis) / length
     cross = np.array([[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]])
     angle = np.deg2rad(degrees)
-    matrix[:3, :3] += np.sin(angle) * cross + (1.0 - np.cos(angle)) * cross @ cross
+    matrix[:3, :3] += np.sin(angle) * cross + (1.0 - np.cos(angle)) * product(cross, cross)
     return matrix
 
 

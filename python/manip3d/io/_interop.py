@@ -14,6 +14,7 @@ import numpy as np
 
 from manip3d._util.callers import caller_level
 from manip3d._util.extras import imported
+from manip3d._util.linear import product
 from manip3d.errors import InputError
 from manip3d.io._face_colors import with_corner_colors
 from manip3d.io._images import image_bytes, with_common_images
@@ -379,8 +380,7 @@ def _trimesh_face_colors(mesh: Any) -> NDArray[np.int64]:
 
 
 def _transformed(points: Any, transform: NDArray[np.float64]) -> NDArray[np.float64]:
-    result: NDArray[np.float64] = np.asarray(points) @ transform[:3, :3].T + transform[:3, 3]
-    return result
+    return np.asarray(product(points, transform[:3, :3].T) + transform[:3, 3])
 
 
 def _outward(corners: NDArray[Any], transform: NDArray[np.float64]) -> NDArray[Any]:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from manip3d._util.linear import product
 from manip3d.errors import FormatError
 from manip3d.io._face_colors import with_corner_colors
 from manip3d.mesh import Material, Mesh
@@ -54,7 +55,7 @@ class Piece:
         mirrors = np.linalg.det(turn) < 0.0
         order = [0, 2, 1] if mirrors else [0, 1, 2]
         return Piece(
-            self.vertices @ turn + matrix[3, :3],
+            product(self.vertices, turn) + matrix[3, :3],
             self.faces[:, order],
             self.material,
             self.corners[:, order],
@@ -72,7 +73,7 @@ def _turned_normals(normals: NDArray[np.float64], turn: NDArray[np.float64]) -> 
     singular matrices. It turns normals inwards if the matrix mirrors.
     """
     cofactors = np.cross(turn[[1, 2, 0]], turn[[2, 0, 1]])
-    turned = normals @ cofactors
+    turned = product(normals, cofactors)
     length = np.linalg.norm(turned, axis=1, keepdims=True)
     unit: NDArray[np.float64] = np.zeros_like(turned)
     np.divide(turned, length, out=unit, where=length > 0.0)

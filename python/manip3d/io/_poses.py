@@ -55,10 +55,10 @@ def rigid(values: NDArray[np.float64]) -> NDArray[np.float64]:
     """
     if values.shape != (7,) or not np.isfinite(values).all() or not np.any(values[3:]):
         raise ValueError(values)
-    x, y, z, w = values[3:] / np.linalg.norm(values[3:])
+    x, y, z, w = values[3:] / np.linalg.norm(values[3:], axis=-1)
     cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     pose = np.eye(4)
-    pose[:3, :3] = (np.eye(3) + 2.0 * w * cross + 2.0 * cross @ cross).T
+    pose[:3, :3] = (np.eye(3) + 2.0 * w * cross + 2.0 * product(cross, cross)).T
     pose[:3, 3] = values[:3]
     return pose
 

@@ -16,6 +16,7 @@ import numpy as np
 
 from manip3d import _core
 from manip3d._util.callers import caller_level
+from manip3d._util.linear import inverse, product
 from manip3d._util.regular_files import over_max_bytes
 from manip3d._util.text_files import text_of
 from manip3d.errors import FormatError
@@ -589,9 +590,9 @@ def lost_origin(frame: LidarFrame, suffix: str) -> NDArray[np.float64] | None:
 
 def measured_points(stored: NDArray[Any], layout: ScanFormat, file: str) -> NDArray[np.float32]:
     """Convert file coordinates to points of a frame: metres, manip3d's axes, near 0."""
-    back = np.linalg.inv(layout.to_file)
+    back = inverse(layout.to_file)
     same = np.array_equal(back, np.eye(4))
-    metres = stored if same else stored.astype(np.float64) @ back[:3, :3].T + back[:3, 3]
+    metres = stored if same else product(stored.astype(np.float64), back[:3, :3].T) + back[:3, 3]
     with np.errstate(over="ignore"):
         points: NDArray[np.float32] = np.ascontiguousarray(metres, np.float32)
     bad = np.flatnonzero(~np.isfinite(points).all(axis=1))
@@ -852,8 +853,7 @@ def read_pose(path: Path) -> NDArray[np.float64] | None:
     matrix[:3, :3] = _euler(np.radians(numbers[3:]))
     matrix[:3, 3] = numbers[:3]
     axes = _to_file("3dtk")
-    turned: NDArray[np.float64] = np.linalg.inv(axes) @ matrix @ axes
-    return turned
+    return product(product(inverse(axes), matrix), axes)
 
 
 def _euler(angles: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -861,8 +861,7 @@ def _euler(angles: NDArray[np.float64]) -> NDArray[np.float64]:
     rx = np.array([[1, 0, 0], [0, cx, -sx], [0, sx, cx]])
     ry = np.array([[cy, 0, sy], [0, 1, 0], [-sy, 0, cy]])
     rz = np.array([[cz, -sz, 0], [sz, cz, 0], [0, 0, 1]])
-    turned: NDArray[np.float64] = rx @ ry @ rz
-    return turned
+    return product(product(rx, ry), rz)
 
 
 _TABLES = {

@@ -18,6 +18,7 @@ import numpy as np
 from manip3d import _core
 from manip3d._util.arrays import as_array
 from manip3d._util.checked import checked
+from manip3d._util.linear import product
 from manip3d._util.texts import counted
 from manip3d.errors import FormatError, InputError
 from manip3d.io._draco import decode_draco
@@ -246,7 +247,7 @@ class Scene:
             for i in path:
                 parent = self.nodes[i].parent
                 local = self.nodes[i].transform
-                world[i] = local if parent is None else world[parent] @ local
+                world[i] = local if parent is None else product(world[parent], local)
         return world
 
     def _paths_from_roots(self) -> Iterator[list[int]]:

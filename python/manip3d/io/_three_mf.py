@@ -19,6 +19,7 @@ from xml.parsers import expat
 import numpy as np
 
 from manip3d import _core
+from manip3d._util.linear import product
 from manip3d.errors import Error, FormatError
 from manip3d.io._pieces import NONE, Piece, join
 from manip3d.io._scan_tables import refuse_expansion
@@ -387,7 +388,7 @@ class _Assembly:
             yield key, matrix
         for child, transform in each.components:
             if self.sizes[child] > 0:
-                yield from self.placed(child, _square(transform) @ matrix)
+                yield from self.placed(child, product(_square(transform), matrix))
 
     def piece(self, key: _Key) -> Piece:
         each = self.object(key)

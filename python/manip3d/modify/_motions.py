@@ -138,7 +138,7 @@ def _unit(places: NDArray[np.float64], names: Sequence[str]) -> float:
     length = 0.0
     for side in ("Left", "Right"):
         hip, knee, ankle = (_joint(places, names, f"{part}{side}") for part in _LEG_PARTS)
-        length += 0.5 * float(np.linalg.norm(knee - hip) + np.linalg.norm(ankle - knee))
+        length += 0.5 * float(np.linalg.norm([knee - hip, ankle - knee], axis=1).sum())
     if not length > 0.0:
         raise InputError("motion: expected legs that have a length, to tell the unit by")
     return min(_UNITS, key=lambda unit: abs(np.log(length * unit / _LEG)))
@@ -156,7 +156,7 @@ def _before_the_camera(places: NDArray[np.float64], names: Sequence[str]) -> NDA
     )
     base = _joint(first, names, "SpineBase" if "SpineBase" in names else "HipCenter")
     across = np.array([left[0], 0.0, left[2]])  # type: ignore[index]
-    length = float(np.linalg.norm(across))
+    length = float(np.linalg.norm(across, axis=-1))
     cosine, sine = (across[0] / length, across[2] / length) if length > 1e-9 else (1.0, 0.0)
     # A rotation about y brings the person's left to +x; half a turn about x makes y point down and
     # z ahead.

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from manip3d._util.checked import checked
+from manip3d._util.linear import product
 from manip3d._util.memory import available_bytes
 from manip3d._util.options import reporting
 from manip3d._util.paths import path_of
@@ -478,9 +479,9 @@ def _cloud_view(
     known = metres > 0
     per_metre = float(np.median(stored[known] / metres[known])) if known.any() else 1.0
     placed = pose.copy()
-    placed[:3, 3] = (pose[:3, 3] + pose[:3, :3] @ camera.centre) / per_metre
+    placed[:3, 3] = (pose[:3, 3] + product(pose[:3, :3], camera.centre)) / per_metre
     if camera.rotation is not None:
-        placed[:3, :3] = pose[:3, :3] @ camera.rotation.T
+        placed[:3, :3] = product(pose[:3, :3], camera.rotation.T)
     color = grid.color if picture is None else read_color(picture, grid.valid.shape)
     return CameraView(reading.depth, camera.intrinsics, pose=placed, color=color), found, per_metre
 
@@ -497,7 +498,7 @@ def _scan_view(
     origin = far_origin(grid)
     rows_up = rows_go_up(grid, origin) if is_cloud else scan_rows_go_up(grid)
     placed = pose.copy()
-    placed[:3, 3] += pose[:3, :3] @ origin
+    placed[:3, 3] += product(pose[:3, :3], origin)
     return CameraView(
         points=grid.points - origin, valid=grid.valid, pose=placed, color=color, rows_up=rows_up
     )

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from manip3d._util.linear import eigen, inverse, line_fit, product
 from manip3d.camera import Intrinsics
 from manip3d.io._scan_files import holds_points
 from manip3d.io._scan_tables import scan_suffix
@@ -69,8 +70,7 @@ class CloudCamera:
         """
         if self.rotation is None:
             return points
-        moved: NDArray[np.float64] = points @ self.rotation + self.centre / unit
-        return moved
+        return np.asarray(product(points, self.rotation) + self.centre / unit)
 
 
 def find_camera(grid: RangeGrid) -> CloudCamera | None:
@@ -82,7 +82,7 @@ def find_camera(grid: RangeGrid) -> CloudCamera | None:
     if pose is None:
         return None
     rotation, centre = pose
-    points = (grid.points - centre) @ rotation.T
+    points = product(grid.points - centre, rotation.T)
     found = camera_of_cloud(points, grid.valid)
     return None if found is None else CloudCamera(found, points[..., 2], rotation, centre)
 
@@ -103,7 +103,7 @@ def far_origin(grid: RangeGrid) -> NDArray[np.float64]:
         return np.zeros(3)
     low, high = points.min(axis=0), points.max(axis=0)
     centre: NDArray[np.float64] = (low + high) / 2
-    is_far = np.linalg.norm(centre) > _FAR * np.linalg.norm(high - low)
+    is_far = np.linalg.norm(centre, axis=-1) > _FAR * np.linalg.norm(high - low, axis=-1)
     return centre if is_far else np.zeros(3)
 
 
@@ -148,14 +148,28 @@ def camera_of_scan(grid: RangeGrid) -> CloudCamera | None:
     some = slice(None, None, -(-len(rows) // _MAX_PIXELS))
     pixels = np.column_stack([cols[some], rows[some]]).astype(np.float64)
     seen = grid.points[rows[some], cols[some]]
-    placed = (seen - camera.centre) @ (np.eye(3) if camera.rotation is None else camera.rotation.T)
+    placed = seen - camera.centre
+    if camera.rotation is not None:
+        placed = product(placed, camera.rotation.T)
     lens = camera.intrinsics
     by_camera = placed[:, :2] / placed[:, 2:] * (lens.fx, lens.fy) + (lens.cx, lens.cy) - pixels
-    design = np.column_stack([seen - seen.mean(axis=0), np.ones(len(seen))])
-    parallel = design @ np.linalg.lstsq(design, pixels, rcond=None)[0] - pixels
+    parallel = _off_linear(seen, pixels)
     off, off_parallel = (float(np.sqrt((each**2).mean())) for each in (by_camera, parallel))
     is_camera = off_parallel > max(_MIN_PERSPECTIVE, 2 * off)
     return camera if is_camera else None
+
+
+def _off_linear(points: NDArray[np.float64], pixels: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the pixels' residuals, (N, 2), to their least-squares fit by a parallel projection."""
+    away, seen = points - points.mean(axis=0), pixels - pixels.mean(axis=0)
+    spread, axes = eigen(product(away.T, away))
+    along = product(away, axes[:, spread > _FLAT * spread.max()])
+    slopes = product(along.T, seen) / (along * along).sum(axis=0)[:, None]
+    return np.asarray(product(along, slopes) - seen)
+
+
+_FLAT = 1e-12
+"""Largest share of its square extent that the square thickness of a plane of points has."""
 
 
 def _pose(
@@ -177,19 +191,31 @@ def _pose(
     equations = np.vstack(
         [np.hstack([place, none, -u * place]), np.hstack([none, place, -v * place])]
     )
-    camera = np.linalg.eigh(equations.T @ equations)[1][:, 0].reshape(3, 4)
+    squares, unknowns = eigen(product(equations.T, equations))
+    camera = unknowns[:, np.argmin(squares)].reshape(3, 4)
     camera *= np.sign(np.linalg.det(camera[:, :3]))
     if abs(np.linalg.det(camera[:, :3])) < 1e-12:
         return None
-    # RQ decomposition of the left 3x3 part, by a QR decomposition with the rows reversed.
-    q, r = np.linalg.qr(camera[::-1, :3].T)
-    lens, rotation = r.T[::-1, ::-1], q.T[::-1]
-    signs = np.sign(np.diag(lens))
-    lens, rotation = lens * signs, signs[:, None] * rotation
+    lens, rotation = _lens_and_rotation(camera[:, :3])
     if not abs(lens[0, 1]) <= _MAX_SKEW * lens[0, 0]:
         return None
-    centre = -np.linalg.solve(camera[:, :3], camera[:, 3])
+    centre = -product(inverse(camera[:, :3]), camera[:, 3])
     return rotation, middle + scale * centre
+
+
+def _lens_and_rotation(
+    camera: NDArray[np.float64],
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the RQ decomposition of (3, 3), by Gram and Schmidt's method from the last row up."""
+    lens, rotation = np.zeros((3, 3)), np.zeros((3, 3))
+    for i in (2, 1, 0):
+        rest = camera[i]
+        for k in range(2, i, -1):
+            lens[i, k] = product(rest, rotation[k])
+            rest = rest - lens[i, k] * rotation[k]
+        lens[i, i] = np.linalg.norm(rest, axis=-1)
+        rotation[i] = rest / lens[i, i]
+    return lens, rotation
 
 
 def camera_of_cloud(points: NDArray[np.float64], valid: NDArray[np.bool_]) -> Intrinsics | None:
@@ -230,11 +256,12 @@ def _line(
     slopes: NDArray[np.float64], pixels: NDArray[np.int64], size: int
 ) -> tuple[float, float] | None:
     """Fit focal length and principal point along one axis; None: the fit is not linear."""
-    design = np.column_stack([slopes, np.ones(len(slopes))])
-    (focal, centre), _, rank, _ = np.linalg.lstsq(design, pixels.astype(np.float64), rcond=None)
-    off = np.abs(design @ (focal, centre) - pixels)
-    if rank < 2 or focal == 0.0 or np.percentile(off, 99) > _MAX_OFF * size:
+    if not np.ptp(slopes) > 1e-12 * np.abs(slopes).max():
+        return None
+    focal, centre = line_fit(slopes, pixels.astype(np.float64))
+    off = np.abs(slopes * focal + centre - pixels)
+    if focal == 0.0 or np.percentile(off, 99) > _MAX_OFF * size:
         return None
     if abs(centre - size / 2) > _MAX_ASIDE * size:
         return None
-    return float(focal), float(centre)
+    return focal, centre

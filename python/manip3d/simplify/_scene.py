@@ -12,6 +12,7 @@ import numpy as np
 
 from manip3d._util.arrays import as_array
 from manip3d._util.checked import checked
+from manip3d._util.linear import eigen, inverse, product
 from manip3d._util.options import shares, sharing
 from manip3d._util.texts import counted
 from manip3d.errors import InputError
@@ -173,8 +174,7 @@ class SceneLods:
 
 
 def _moved(vertices: NDArray[np.float64], place: NDArray[np.float64]) -> NDArray[np.float64]:
-    moved: NDArray[np.float64] = vertices @ place[:3, :3].T + place[:3, 3]
-    return moved
+    return np.asarray(product(vertices, place[:3, :3].T) + place[:3, 3])
 
 
 @dataclass(frozen=True)
@@ -193,7 +193,8 @@ class _Instances:
         flat = ~(singular[:, -1] > 1e-9 * singular[:, 0])
         sizes = np.where(flat, -1.0, (linear**2).sum(axis=(1, 2)))
         is_flat = bool(flat.all())
-        largest = int(np.argmax(singular[:, 0] if is_flat else sizes))
+        # In single precision, singular values that only a BLAS made different are equal.
+        largest = int(np.argmax(singular[:, 0].astype(np.float32) if is_flat else sizes))
         return cls(index, transforms, largest, is_flat)
 
     @property
@@ -213,7 +214,7 @@ class _Instances:
         sides = np.array([vertices.min(axis=0), vertices.max(axis=0)])
         corners = np.array(list(itertools.product(*sides.T)))
         linear, shift = self.transforms[:, :3, :3], self.transforms[:, None, :3, 3]
-        around = corners @ linear.transpose(0, 2, 1) + shift  # (N, 8, 3)
+        around = product(corners, linear.transpose(0, 2, 1)) + shift  # (N, 8, 3)
         low, high = around.min(axis=1), around.max(axis=1)
         room = 1e-9 * np.abs(around).max(axis=(1, 2))[:, None]  # the vertices are rounded, too
         meets = ((low <= box[1] + room) & (high >= box[0] - room)).all(axis=1)
@@ -239,15 +240,23 @@ def _instances(scene: Scene) -> list[_Instances]:
     for node, place in zip(scene.nodes, world, strict=True):
         if node.drawn and node.mesh in transforms:
             if node.joint is not None:
-                place = world[node.joint] @ node.inverse_bind
-            every = [place] if node.instances is None else place @ node.instances
+                place = product(world[node.joint], node.inverse_bind)
+            every = [place] if node.instances is None else product(place, node.instances)
             transforms[node.mesh].extend(every)
     return [_Instances.of(i, np.array(own)) for i, own in transforms.items()]
 
 
+def _largest_stretch(linear: NDArray[np.float64]) -> float:
+    """Return the largest factor by which one of (N, 3, 3) linear maps lengthens a vector."""
+    size = float(np.abs(linear).max()) or 1.0  # squares of what is divided by it do not overflow
+    scaled = linear / size
+    squares, _ = eigen(product(scaled.transpose(0, 2, 1), scaled))
+    return size * math.sqrt(squares.max())
+
+
 def _diagonal(vertices: NDArray[np.float64]) -> float:
     sides = np.ptp(vertices, axis=0)
-    length = float(np.linalg.norm(sides))
+    length = float(np.linalg.norm(sides, axis=-1))
     # Beyond these limits the squares of the sides overflow or lose digits; hypot scales them.
     return length if 1e-150 < length < 1e150 else math.hypot(*sides)
 
@@ -331,7 +340,7 @@ def _far_apart(points: NDArray[np.float64], count: int) -> NDArray[np.int64]:
 
 def _turned(normals: NDArray[Any], linear: NDArray[Any]) -> NDArray[np.float64]:
     """Return the unit normals of a surface after a linear map; a mirror does not reverse them."""
-    turned = normals @ np.linalg.inv(linear)
+    turned = product(normals, inverse(linear))
     lengths = np.linalg.norm(turned, axis=1, keepdims=True)
     unit: NDArray[np.float64] = np.divide(turned, lengths, out=turned, where=lengths > 0.0)
     return unit
@@ -418,9 +427,8 @@ class _Placed:
         }
         self._part_shared()
         self.stretch = max(
-            float(np.linalg.norm(other[:3, :3] @ np.linalg.inv(self._places[i][:3, :3]), 2))
+            _largest_stretch(product(own.transforms[:, :3, :3], inverse(self._places[i][:3, :3])))
             for i, own in self._instances.items()
-            for other in own.transforms
         )
         # Scene units per unit of the merged mesh. `stretch` is the largest one over all instances.
         self.unit = self.stretch if is_aside else 1.0
@@ -446,8 +454,7 @@ class _Placed:
 
     def _vertices(self, index: int) -> NDArray[np.float64]:
         place = self._places[index]
-        placed: NDArray[np.float64] = self._shapes[index] @ place[:3, :3].T + place[:3, 3]
-        return placed
+        return _moved(self._shapes[index], place)
 
     def _sway_of(self, index: int) -> float:
         return _SWAY * _diagonal(self.scene.meshes[index].vertices)
@@ -588,11 +595,11 @@ class _Placed:
         assert used is not None
         assert faces is not None
         assert mesh.face_material is not None
-        vertices = (mesh.vertices[used] - place[:3, 3]) @ np.linalg.inv(place[:3, :3]).T
+        vertices = product(mesh.vertices[used] - place[:3, 3], inverse(place[:3, :3]).T)
         texcoords, face_texcoords = compact_rows(mesh.texcoords, corners(mesh.face_texcoords))
         normals, face_normals = compact_rows(mesh.normals, corners(mesh.face_normals))
         if normals is not None:
-            normals = _turned(normals, np.linalg.inv(place[:3, :3]))
+            normals = _turned(normals, inverse(place[:3, :3]))
         materials = np.array([m for _, m, _ in self._looks], dtype=np.int32)[
             mesh.face_material[chosen]
         ]

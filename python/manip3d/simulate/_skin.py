@@ -101,7 +101,7 @@ class _Sleeve:
         heading = rotations[0, :, 0]  # to the person's left
         down = np.array(figure.down)
         ahead = np.cross(heading, -down)
-        ahead /= np.linalg.norm(ahead)
+        ahead /= np.linalg.norm(ahead, axis=-1)
         rotations[self.limp] = np.column_stack([np.cross(-down, ahead), -down, ahead])
         hangs_from = origins[self.bearer] + product(
             rotations[self.bearer], self.end - FRAME_ORIGIN[self.bearer]

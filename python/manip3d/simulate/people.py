@@ -766,7 +766,7 @@ class BodySimulator:
         assert self.amputated is not None
         root, first = LIMBS[self.amputated][:2]
         way = figure.joints[first] - figure.joints[root]
-        end = figure.joints[root] + way * (self.stump / np.linalg.norm(way))
+        end = figure.joints[root] + way * (self.stump / np.linalg.norm(way, axis=-1))
         return np.asarray(end + 0.03 * random.standard_normal((len(self._missing), 3)))
 
 

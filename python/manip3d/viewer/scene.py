@@ -14,6 +14,7 @@ import numpy as np
 from manip3d import _core
 from manip3d._util.checked import checked
 from manip3d._util.extras import imported
+from manip3d._util.linear import product
 from manip3d._util.options import threads_of
 from manip3d.errors import FormatError, InputError
 from manip3d.io import texture_path
@@ -228,7 +229,7 @@ def frame_points(
         raise InputError(f"zoom: expected a number > 0, got {zoom}")
     axes = _axes(azimuth, elevation, up)
     center = 0.5 * (used.min(axis=0) + used.max(axis=0))
-    x, y, z = axes @ (used - center).T
+    x, y, z = product(axes, (used - center).T)
     # At distance d a point is inside when |x| <= (d - z) tan_x and |y| <= (d - z) tan_y.
     tan_y = math.tan(math.radians(VIEW_ANGLE / 2.0))
     tan_x = tan_y * size[0] / size[1]
@@ -239,7 +240,7 @@ def frame_points(
         distance = max(nearest, float((MARGIN * reach + z).max()))
         seen = (np.array([x, y]) - shift[:, None]) / (distance - z)
         shift += 0.5 * distance * (seen.min(axis=1) + seen.max(axis=1))
-    target = center + shift @ axes[:2]
+    target = center + product(shift, axes[:2])
     return Camera(
         position=target + distance * axes[2],
         target=target,
