@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import exact_models
 from command_line import error_line, manip3d
 from gltf_files import PNG
 from manip3d import (
@@ -32,6 +33,23 @@ from manip3d.cli.demo import tell
 from manip3d.cli.kinds import kind_of
 from manip3d.cli.terminal import Terminal
 from manip3d.metrics import metro
+
+
+def test_jobs_are_threads_where_a_single_file_has_some(tmp_path: Path) -> None:
+    """A number of threads that is given is not read from the environment."""
+    exact_models.hill().write(tmp_path / "a.ply")
+    order = ("simplify", tmp_path / "a.ply", "-o", tmp_path / "b.ply", "--ratio", "0.5", "--force")
+    fast = (*order, "--mode", "fast")
+    assert "MANIP3D_THREADS: expected" in manip3d(*fast, MANIP3D_THREADS="many").stderr
+    assert manip3d(*fast, "--jobs", "2", MANIP3D_THREADS="many").returncode == 0
+    for words, told in {
+        ("simplify",): "Number of threads of --mode fast, or of processes",
+        ("depth",): "Number of threads, or of processes for several files",
+        ("inspect",): "Number of threads, or of processes for several files",
+        ("convert",): "Number of processes for several files",
+        ("info",): "Number of processes for several files",
+    }.items():
+        assert told in " ".join(manip3d(*words, "--help").stdout.split())
 
 
 def test_version() -> None:

@@ -709,3 +709,12 @@ def test_a_texture_cut_at_nearly_every_edge_does_not_shrink_the_surface(islands:
         volumes.append(volume(small))
     assert errors[1] < 1.5 * errors[0]
     assert volumes[1] == pytest.approx(volumes[0], rel=0.01)
+
+
+def test_threads_of_the_environment(monkeypatch: pytest.MonkeyPatch) -> None:
+    hill = exact_models.hill()
+    expected = simplify.fast(hill, ratio=0.1)
+    monkeypatch.setenv("MANIP3D_THREADS", "many")
+    assert_same(simplify.fast(hill, ratio=0.1, threads=2), expected)
+    with pytest.raises(InputError, match="MANIP3D_THREADS"):
+        simplify.fast(hill, ratio=0.1)

@@ -23,7 +23,16 @@ import typer
 
 from manip3d._util.paths import by_number, is_hidden
 from manip3d.cli import kinds, start_messages
-from manip3d.cli.options import Dask, FolderJobs, Table, TableBesideOutputs, TableOfNow, To
+from manip3d.cli.options import (
+    Dask,
+    FileJobs,
+    FolderJobs,
+    Jobs,
+    Table,
+    TableBesideOutputs,
+    TableOfNow,
+    To,
+)
 from manip3d.cli.signals import ended_like_ctrl_c
 from manip3d.cli.terminal import Terminal, collecting, count, counted, showing_as
 from manip3d.cli.terminal import table as show_table
@@ -575,7 +584,8 @@ def _signature(verb: Verb, rules: over_files) -> inspect.Signature:
     one_file = parameters[name].annotation.__metadata__[0].help
     several = typer.Argument(metavar=name.upper(), help=f"{one_file} {more_of_them}")
     parameters[name] = parameters[name].replace(annotation=Annotated[list[str], several])
-    more: dict[str, tuple[Any, Any]] = {"jobs": (FolderJobs, 0)}
+    own_jobs = hints.get("jobs", FileJobs)
+    more: dict[str, tuple[Any, Any]] = {"jobs": (FolderJobs if own_jobs == Jobs else own_jobs, 0)}
     table: Any = Table
     if "output" in parameters:
         table = TableBesideOutputs

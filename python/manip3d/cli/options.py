@@ -101,6 +101,21 @@ FolderJobs = Annotated[
         help="Number of threads, or of processes for several files; 0: all cores.",
     ),
 ]
+FileJobs = Annotated[
+    int,
+    typer.Option(
+        "--jobs", "-j", min=0, help="Number of processes for several files; 0: all cores."
+    ),
+]
+FastJobs = Annotated[
+    int,
+    typer.Option(
+        "--jobs",
+        "-j",
+        min=0,
+        help="Number of threads of --mode fast, or of processes for several files; 0: all cores.",
+    ),
+]
 Processes = Annotated[
     int, typer.Option("--jobs", "-j", min=0, help="Number of processes; 0: all cores.")
 ]

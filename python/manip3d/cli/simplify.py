@@ -18,7 +18,7 @@ from manip3d.cli.kinds import expect_kind
 from manip3d.cli.many import over_files
 from manip3d.cli.options import (
     MISSED,
-    FolderJobs,
+    FastJobs,
     Force,
     Json,
     Output,
@@ -522,7 +522,7 @@ def simplify(
     strict: Strict = False,
     as_json: Json = False,
     quiet: Quiet = False,
-    jobs: FolderJobs = 0,
+    jobs: FastJobs = 0,
 ) -> None:
     """Reduce the faces of a mesh.
 
@@ -547,6 +547,8 @@ def simplify(
         if name != Method.qem4vr:
             raise InputError(f"--seam-mode: expected --method qem4vr, got {name}")
         options["seam_mode"] = str(seam_mode)
+    if name == Mode.fast:
+        options["threads"] = jobs
     options |= color_options(name, color_weight)
     expect_cleaning(name, no_clean)
     if importance is not None and name != Mode.quality:

@@ -10,7 +10,7 @@ import numpy as np
 from manip3d import _core
 from manip3d._util.arrays import as_array
 from manip3d._util.checked import checked
-from manip3d._util.options import reporting
+from manip3d._util.options import reporting, threads_of
 from manip3d._util.showing import Showable
 from manip3d.errors import InputError
 from manip3d.mesh import Material, Mesh
@@ -367,7 +367,7 @@ def fast(
         Vertices that stay where they are, with one face at least. At one place, one that is
         locked locks all.
     threads : int
-        0: all cores. The result is the same, bit for bit, for any number.
+        0: ``MANIP3D_THREADS``, else all cores. The result is the same, bit for bit, for any number.
     progress : None, True or callable
         ``True`` shows a bar; a callable gets ``(fraction, message)``, at most ten times a second.
 
@@ -415,7 +415,7 @@ def fast(
     if seams is not None:
         mesh = seams.mesh
     options.looks = _looks(mesh)
-    options.num_threads = threads
+    options.num_threads = threads_of(threads)
     chosen = locked_of(mesh, locked)
     if chosen is not None:
         options.locked = chosen.tolist()

@@ -64,7 +64,7 @@ def sample_depth(
     rng : int, numpy.random.Generator or None
         Seed or generator for ``'poisson'``; None: another result each time.
     threads : int
-        Number of threads; 0: all cores. The result does not depend on it.
+        0: ``MANIP3D_THREADS``, else all cores. The result does not depend on it.
 
     Returns
     -------
