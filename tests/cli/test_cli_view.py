@@ -184,3 +184,30 @@ def test_view_refuses_what_a_mesh_has_not(
     done = manip3d("view", mesh, option, value, "-o", tmp_path / "a.html")
     assert told in error_line(done)
     assert not (tmp_path / "a.html").exists()
+
+
+@pytest.mark.parametrize(
+    ("option", "value"),
+    [("--unit", "foo"), ("--intrinsics", "kinect-v2"), ("--calibration", "db.xml")],
+)
+def test_info_and_view_refuse_what_has_no_effect(tmp_path: Path, option: str, value: str) -> None:
+    """A recording, an address and several files are told apart as a single file is."""
+    mesh, scan, folder = tmp_path / "a.ply", tmp_path / "s.pcd", walk(tmp_path / "walk")
+    Mesh(np.eye(3), [[0, 1, 2]]).write(mesh)
+    LidarFrame(np.eye(3, dtype=np.float32)).write(scan)
+    recordings = () if option == "--intrinsics" else (folder, f"folder:{folder}")
+    scans = () if option == "--calibration" else (scan,)
+    page = tmp_path / "pages"
+    for sources in ((mesh,), (mesh, mesh), *((each,) for each in (*recordings, *scans))):
+        for words in (("info",), ("view", "-o", page if len(sources) > 1 else tmp_path / "a.html")):
+            done = manip3d(*words, *sources, option, value)
+            assert done.returncode == 1, (words, sources)
+            assert f"{option}: can only be given with a" in error_line(done)
+    assert not page.exists()
+
+
+def test_options_that_apply_to_one_of_several_files_are_taken(tmp_path: Path, depth: Path) -> None:
+    Mesh(np.eye(3), [[0, 1, 2]]).write(tmp_path / "a.ply")
+    done = manip3d("info", tmp_path / "a.ply", depth, "--unit", "tum", "--json")
+    assert done.returncode == 0, done.stderr
+    assert '"unit": "tum"' in done.stdout

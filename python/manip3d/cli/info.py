@@ -13,6 +13,7 @@ from manip3d.cli.terminal import Terminal
     kinds.shown_suffixes,
     whole=kinds.WHOLE,
     choose=kinds.own_sources,
+    prepare=kinds.refuse_unused_by_all,
     columns=(
         "source", "faces", "vertices", "materials_used", "format", "points", "pixels", "measured",
         "frames", "seconds", "range",
@@ -40,6 +41,9 @@ def info(
 
     expect_kind(source, *SHOWN, *kinds.narrow_depth(source, unit, intrinsics), verb="info")
     shell = Terminal(as_json=as_json, quiet=quiet)
+    if not shell.is_collecting:  # the option may apply to another one of several files
+        given = {"intrinsics": intrinsics, "unit": unit, "calibration": calibration}
+        kinds.refuse_unused([source], given)
     scanning.expect_packets(source, calibration)
     kind = "mesh" if source == "-" else kind_of(source)
     if kind == "rgbd":

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import errno
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, Any
 
@@ -213,6 +213,70 @@ def expect_kind(source: str, *kinds: str, verb: str) -> str:
         message += ". If it holds depths of 8 bits, give their number in a metre as --unit, or "
         message += "disparity:FB of a stereo pair"
     raise OtherKindError(message, NAMES[kind])
+
+
+_USES: Mapping[str, tuple[Any, Sequence[str]]] = {
+    "color_by": (None, ("scan", "depth", "rgbd")),
+    "intrinsics": ("", ("depth", "rgbd")),
+    "unit": ("guess", ("depth",)),
+    "color": (None, ("depth",)),
+    "calibration": (None, ("scan",)),
+}
+"""Options of ``info`` and ``view`` that apply to some kinds of `viewer.kind_of` only: their
+defaults, and the kinds."""
+_WORDS = {"scan": "a scan", "depth": "a depth image", "rgbd": "a recording"}
+
+
+def refuse_unused(sources: Sequence[str], given: Mapping[str, Any]) -> None:
+    """Refuse an option of ``info`` or ``view`` that would have no effect on any of the sources.
+
+    Nothing is refused if the content of a source is not known here (`_shown_kind`).
+
+    Raises
+    ------
+    InputError
+        An option of `_USES` differs from its default and applies to none of the sources.
+    """
+    asked = [n for n, (default, _) in _USES.items() if n in given and given[n] != default]
+    found = [_shown_kind(source) for source in sources] if asked else []
+    if None in found:
+        return
+    for name in asked:
+        _, uses = _USES[name]
+        if not set(found).intersection(uses):
+            expected = " or ".join(_WORDS[kind] for kind in uses)
+            raise InputError(
+                f"--{name.replace('_', '-')}: can only be given with {expected}, got "
+                f"{', '.join(sources)}"
+            )
+
+
+def refuse_unused_by_all(
+    files: Sequence[SourceFile], given: Mapping[str, Any]
+) -> Mapping[str, Mapping[str, Any]]:
+    """Call `refuse_unused` for the files of a run, and return no options of single files."""
+    refuse_unused([file.name for file in files], given)
+    return {}
+
+
+def _shown_kind(source: str) -> str | None:
+    """Return the kind of `viewer.kind_of`.
+
+    None for a URL, a pattern, a folder of several files and an unknown address, whose content is
+    not known, and for a file that cannot be read, about which another error is raised later.
+    """
+    from manip3d import viewer
+
+    if source == "-":
+        return "mesh"
+    if is_url(source):
+        return None
+    try:
+        kind, shown = kind_of(source), viewer.kind_of(source)
+    except (OSError, FormatError):
+        return None
+    is_known = kind != "folder" and (kind, shown) != ("stream", "mesh")
+    return shown if is_known else None
 
 
 def _advice(path: Path, kind: str, kinds: tuple[str, ...], verb: str) -> str | None:

@@ -43,40 +43,16 @@ _OPTIONS = ("frame", "unit", "color", "color-by")
 MAX_BESIDE = 9  # largest number of sources on one page; more get a page each in a folder
 
 
-_USES: Mapping[str, tuple[Any, Sequence[str]]] = {
-    "color_by": (None, ("scan", "depth", "rgbd")),
-    "intrinsics": ("", ("depth", "rgbd")),
-    "unit": ("guess", ("depth",)),
-    "color": (None, ("depth",)),
-    "calibration": (None, ("scan",)),
-}
-"""Options that apply to some kinds of sources only: their defaults, and the kinds."""
-_WORDS = {"scan": "a scan", "depth": "a depth image", "rgbd": "a recording"}
-
-
 def _refuse_unused(sources: Sequence[str], given: Mapping[str, Any]) -> None:
-    """Refuse an option that applies to none of the sources, since it would have no effect.
+    """Refuse an option that would have no effect on any of the sources."""
+    from manip3d import capture
 
-    Nothing is refused if a source is a folder, a pattern or an address, whose content is not known
-    here, or a missing file, about which another error is raised later.
-    """
-    from manip3d import viewer
-
-    if not all(source == "-" or Path(source).is_file() for source in sources):
-        return
-    found = {"mesh" if source == "-" else viewer.kind_of(source) for source in sources}
-    for name, (default, uses) in _USES.items():
-        if given[name] != default and not found.intersection(uses):
-            expected = " or ".join(_WORDS[kind] for kind in uses)
-            raise InputError(
-                f"--{name.replace('_', '-')}: can only be given with {expected}, got "
-                f"{', '.join(sources)}"
-            )
-    if (calibration := given["calibration"]) is not None:
-        from manip3d import capture
-
-        if not any(source != "-" and capture.scan_address(source) for source in sources):
-            expect_packets(sources[0], calibration)
+    kinds.refuse_unused(sources, given)
+    files = [source for source in sources if source == "-" or Path(source).is_file()]
+    if len(files) == len(sources) and not any(
+        source != "-" and capture.scan_address(source) for source in sources
+    ):
+        expect_packets(sources[0], given["calibration"])
 
 
 def _side_by_side(sources: list[str], given: dict[str, Any]) -> bool:
@@ -121,6 +97,7 @@ def _side_by_side(sources: list[str], given: dict[str, Any]) -> bool:
     choose=kinds.own_sources,
     writable=lambda: SUFFIXES,
     otherwise=".html",
+    prepare=kinds.refuse_unused_by_all,
     together=_side_by_side,
     depends=lambda given: os.environ.get("MANIP3D_RENDERER", ""),  # pictures differ in pixels
 )
