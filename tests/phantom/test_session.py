@@ -26,6 +26,7 @@ from manip3d.phantom._anomalies import Anomaly
 from manip3d.phantom._diary import DiaryRecorder
 from manip3d.phantom._felt import FeltLimb
 from manip3d.phantom._live import hear
+from manip3d.phantom._messages import Inbox
 from manip3d.phantom._recorder import Pictures
 from manip3d.phantom.games import begin
 from manip3d.rgbd import JOINTS, NOT_TRACKED, RgbdFrame
@@ -501,6 +502,16 @@ def test_what_is_said_again_after_a_lost_answer_is_taken_once() -> None:
         session.command("event", fields)
     play(session, patient()[:1])
     assert heard.told == ["dizzy"] * 4
+
+
+def test_the_page_that_was_silent_longest_is_forgotten_first() -> None:
+    """The numbers of 64 pages are remembered: the first page spoke again, the second did not."""
+    inbox = Inbox()
+    heard = [(page, 1) for page in range(1, 65)] + [(1, 2), (65, 1), (1, 2), (2, 1)]
+    for page, number in heard:
+        inbox.put("unwell", {"page": page, "number": number}, None)
+    # The second page is forgotten, and what it says again is taken for new.
+    assert sum(1 for _ in inbox.taken()) == 64 + 2 + 1
 
 
 def test_a_page_is_answered_at_once_and_again_when_it_is_kept() -> None:

@@ -73,7 +73,7 @@ class Inbox:
         self._commands: queue.SimpleQueue[Command] = queue.SimpleQueue()
         self._entry = threading.Lock()
         self._is_closed = False
-        self._heard: dict[int, int] = {}  # last number of each page
+        self._heard: dict[int, int] = {}  # last number of each page, the page heard last at the end
         # Functions to call, by page and number, until the message is written; lost ones stay.
         self._waiting: dict[tuple[int, int], list[Callable[[], object]]] = {}
 
@@ -114,7 +114,8 @@ class Inbox:
             yield self._commands.get()
 
     def _expect(self, page: int, number: int) -> None:
-        """Note that a message of a page is not written yet."""
+        """Note that a message of a page is not written yet; forget the page silent longest."""
+        self._heard.pop(page, None)  # else the page would keep its place in the order
         self._heard[page] = number
         self._waiting[page, number] = []
         while len(self._heard) > _PAGES:
