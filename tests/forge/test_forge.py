@@ -596,6 +596,9 @@ def test_scans_that_are_not_finite(name: str, value: float) -> None:
             "center: expected finite numbers",
         ),
         (lambda s: forge.deform(s, BOX, amplitude=np.nan), "amplitude"),
+        (lambda s: forge.translation(s, BOX, distance=np.nan), "distance: expected a finite"),
+        (lambda s: forge.rotation(s, BOX, angle=np.inf), "angle: expected a finite"),
+        (lambda s: forge.rotation(s, BOX, sideways=np.nan), "sideways: expected a finite"),
         (lambda s: forge.insert_occluding(s, grid_plate(), position=(0, 0, 0)), "one side"),
         (
             lambda s: forge.insert_occluding(s, plate(), position=(4, 0, 0), range_noise=1e160),

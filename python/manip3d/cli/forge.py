@@ -411,9 +411,9 @@ def forge_lidar(
     yaw: Annotated[
         float | None,
         typer.Option(
-            help="Rotation about the vertical, radians: of the hoax (default: 0), of the object "
-            "that 'rotation' turns (default: -10 degrees), or, about the scanner, of the object "
-            "that 'lattice-insert' and 'spoof' copy (default: 90 degrees)."
+            help="Rotation about the vertical, radians, counterclockwise from above: of the hoax "
+            "(default: 0), of the object that 'rotation' turns (default: -0.1745), or, about the "
+            "scanner, of the object that 'lattice-insert' and 'spoof' copy (default: 1.5708)."
         ),
     ] = None,
     amplitude: Annotated[float, typer.Option(help="Amplitude of a deformation, metres.")] = 0.1,

@@ -262,6 +262,12 @@ def replacement(
     return _edited("replacement", scene, gone, added, threads)
 
 
+def _expect_finite(**numbers: float) -> None:
+    for name, number in numbers.items():
+        if not math.isfinite(number):
+            raise InputError(f"{name}: expected a finite number, got {number}")
+
+
 @checked
 def translation(
     scan: ScanLike,
@@ -298,9 +304,10 @@ def translation(
     Raises
     ------
     InputError
-        No object is found, no point of the scan is in the box, or no point would change, as with a
-        ``distance`` of 0; the centre of the box is straight above or below the scanner, so that the
-        direction is undefined; the object would collide with scene points.
+        ``distance`` is not finite; no object is found, no point of the scan is in the box, or no
+        point would change, as with a ``distance`` of 0; the centre of the box is straight above or
+        below the scanner, so that the direction is undefined; the object would collide with scene
+        points.
 
     Examples
     --------
@@ -313,6 +320,7 @@ def translation(
     >>> forge.translation(scan, box, distance=2.0).box.center[0] > 6.0
     True
     """
+    _expect_finite(distance=distance)
     scene, target = _target(scan, box, origin)
     away = _away(target, origin_of(origin, scene))
     transform = np.eye(4)
@@ -365,8 +373,9 @@ def rotation(
     Raises
     ------
     InputError
-        No object is found, no point of the scan is in the box, or no point would change, as with an
-        ``angle`` of 0; the object would collide with scene points.
+        ``angle`` or ``sideways`` is not finite; no object is found, no point of the scan is in the
+        box, or no point would change, as with an ``angle`` of 0; the object would collide with
+        scene points.
 
     Examples
     --------
@@ -379,6 +388,7 @@ def rotation(
     >>> forge.rotation(scan, box)
     <manip3d.forge.Forgery: rotation; 2096 points, 0 added, 800 moved, 0 removed>
     """
+    _expect_finite(angle=angle, sideways=sideways)
     scene, target = _target(scan, box, origin)
     inside = _core.points_in_box(scene.points, box_arguments(target), threads_of(threads))
     check_chosen(inside)
