@@ -35,6 +35,19 @@ from manip3d.cli.terminal import Terminal
 from manip3d.metrics import metro
 
 
+def test_choices_are_checked_before_files_are_read() -> None:
+    for words in (
+        ("inspect", "missing.bin", "--sensor", "lidar"),
+        ("watermark", "embed", "missing.bin", "--key", "k", "-o", "o.bin", "--embedding", "lsb"),
+        ("watermark", "verify", "missing.bin", "--key", "k", "--embedding", "lsb"),
+        ("alert", "run", "missing", "--key", "k", "-o", "o.html", "--embedding", "lsb"),
+    ):
+        done = manip3d(*words)
+        assert done.returncode == 2
+        assert "is not one of" in done.stderr
+        assert "missing" not in done.stderr
+
+
 def test_jobs_are_threads_where_a_single_file_has_some(tmp_path: Path) -> None:
     """A number of threads that is given is not read from the environment."""
     exact_models.hill().write(tmp_path / "a.ply")
@@ -62,7 +75,6 @@ def test_version() -> None:
     ("words", "expected"),
     [
         (("lod", "a.ply", "-o", "b.glb", "--ratio", "2"), "--ratio: expected"),
-        (("inspect", "a.bin", "--sensor", "lidar"), "--sensor: expected"),
         (("inspect", "a.bin", "--origin", "nan", "0", "0"), "--origin: expected"),
         (("view", "a.bin", "-o", "b.html", "--frame", "9"), "--frame: expected"),
         (("view", "a.bin", "-o", "b.html", "--color-by", "smell"), "--color-by: expected"),

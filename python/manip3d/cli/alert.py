@@ -101,7 +101,7 @@ def run(
             "watermark is not verified. Repeat the option for earlier keys of the sensor.",
         ),
     ] = None,
-    embedding: OnlyEmbedding = "",
+    embedding: OnlyEmbedding = None,
     sensor: OnlySensor = "",
     session: OnlySession = "",
     max_age: MaxAge = None,

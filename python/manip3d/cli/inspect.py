@@ -9,6 +9,7 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from dataclasses import replace
+from enum import StrEnum
 from itertools import compress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -176,6 +177,15 @@ def _exported(source: str) -> list[SourceFile]:
     return [file for file in files if holds_points(Path(file.name))]
 
 
+class SensorKind(StrEnum):
+    """Kinds of scanners that ``authenticate.inspect`` takes as ``sensor``."""
+
+    auto = "auto"
+    lattice = "lattice"
+    terrestrial = "terrestrial"
+    other = "other"
+
+
 @over_files(
     kinds.inspected_suffixes,
     find=_find_scans,
@@ -216,12 +226,12 @@ def inspect(
         ),
     ] = None,
     sensor: Annotated[
-        str,
+        SensorKind,
         typer.Option(
-            help="Kind of scanner: auto, lattice (spinning, with points on a lattice, such as an "
-            "HDL-64E), terrestrial or other."
+            help="Kind of scanner: recognised (auto), lattice (spinning, with points on a lattice, "
+            "such as an HDL-64E), terrestrial or other."
         ),
-    ] = "auto",
+    ] = SensorKind.auto,
     origin: Annotated[
         tuple[float, float, float] | None,
         typer.Option(
@@ -332,7 +342,7 @@ def inspect(
             "a LiDAR scan or drive", "an RGB-D recording", rows=rows, previous=previous,
             following=following, lattice=lattice, key=key or None, watermark=watermark,
             calibration=calibration, origin=origin, printed=printed or None, plant=plant or None,
-            sensor=None if sensor == "auto" else sensor,
+            sensor=None if sensor == SensorKind.auto else sensor,
         )  # fmt: skip
         raise typer.Exit(
             codes[inspect_recording(source, output, log, shell, intrinsics=intrinsics)]
@@ -346,12 +356,12 @@ def inspect(
             "a single scan", "a drive", previous=previous, following=following,
             watermark=watermark, rows=rows, plant=plant or None,
         )  # fmt: skip
-        named = naming_options("sensor", "origin")
+        named = naming_options("origin")
         with _keys_of(key) as secret, named:
             together = inspect_drive(
                 source, output, log, shell, calibration=calibration, key=secret, origin=origin,
-                options={"lattice": known, "sensor": sensor, "power": power, "printed": printed,
-                         "threads": jobs},
+                options={"lattice": known, "sensor": sensor.value, "power": power,
+                         "printed": printed, "threads": jobs},
             )  # fmt: skip
         raise typer.Exit(_code_of_drive(together, codes, shell))
     expect_packets(source, calibration)
@@ -365,7 +375,7 @@ def inspect(
         name: None if path is None else _scan_beside(name, path)
         for name, path in (("previous", previous), ("following", following))
     }
-    named = naming_options("sensor", "origin")
+    named = naming_options("origin")
     with shell.progress("inspect") as progress, _keys_of(key) as secret, named:
         found = authenticate.inspect(
             frame,
@@ -374,7 +384,7 @@ def inspect(
             previous=beside["previous"],
             following=beside["following"],
             lattice=known,
-            sensor=sensor,
+            sensor=sensor.value,
             origin=place,
             power=power,
             plant=plant,

@@ -6,6 +6,7 @@ import json
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
+from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -34,6 +35,15 @@ app = typer.Typer(
 EXIT_CODES = {"authentic": 0, "tampered": 3, "undecidable": MISSED}
 """Exit code of each verdict."""
 
+
+class Embedding(StrEnum):
+    """Embeddings of a watermark; `authenticate.EMBEDDINGS`."""
+
+    lbm = "lbm"
+    qim = "qim"
+    detached = "detached"
+
+
 Source = Annotated[
     str,
     typer.Argument(metavar="SOURCE", help="A scan, or a folder of a KITTI drive."),
@@ -58,7 +68,7 @@ Picture = Annotated[
 ]
 
 OnlyEmbedding = Annotated[
-    str, typer.Option(help="Accept this embedding only: lbm, qim or detached.")
+    Embedding | None, typer.Option(help="Accept records of this embedding only.")
 ]
 OnlySensor = Annotated[str, typer.Option(help="Accept records of this sensor only.")]
 OnlySession = Annotated[
@@ -82,7 +92,7 @@ _OPTION_OF = {"sessions": "session", "max_age_s": "max-age", "max_points": "max-
 
 def policy_of(
     *,
-    embedding: str,
+    embedding: Embedding | None,
     sensor: str,
     session: str,
     max_age: float | None,
@@ -95,7 +105,7 @@ def policy_of(
 
     try:
         return authenticate.Policy(
-            embeddings=(embedding,) if embedding else authenticate.EMBEDDINGS,
+            embeddings=authenticate.EMBEDDINGS if embedding is None else (embedding.value,),
             order=order,
             sensors=(sensor,) if sensor else (),
             sessions=(session,) if session else (),
@@ -201,12 +211,12 @@ def embed(
         ),
     ],
     embedding: Annotated[
-        str,
+        Embedding,
         typer.Option(
             help="Embedding: lbm (lowest bits), qim (cells of z), or detached (points stay as they "
             "are)."
         ),
-    ] = "lbm",
+    ] = Embedding.lbm,
     sensor: Annotated[
         str, typer.Option(help="Name of the sensor that the records are bound to.")
     ] = "",
@@ -217,7 +227,8 @@ def embed(
     units_per_m: Annotated[
         int,
         typer.Option(
-            help="Steps per metre of the grid of coordinates, for lbm; 1000 means millimetres."
+            help="Steps per metre of the grid to which coordinates are rounded, for lbm, not the "
+            "unit of the file, which is always metres; 1000: a step is a millimetre."
         ),
     ] = 1000,
     origin: Annotated[
@@ -262,12 +273,12 @@ def embed(
     if not drive:
         check_output(output, FOLDER_SUFFIXES, force=force)
     with (
-        naming_options("output", "picture", "sensor", "embedding", "units-per-m", "origin"),
+        naming_options("output", "picture", "sensor", "units-per-m", "origin"),
         authenticate.KeyFile(key) as secret,
         authenticate.Watermarker(
             secret,
             sensor=sensor,
-            embedding=embedding,
+            embedding=embedding.value,
             round_points=round_points,
             units_per_m=units_per_m,
             origin=origin,
@@ -289,7 +300,7 @@ def embed(
             "output": str(output),
             "session": marker.session,
             "key_id": secret.key_id,
-            "embedding": embedding,
+            "embedding": embedding.value,
             "num_frames": len(scans),
             "frames": [
                 {
@@ -368,7 +379,7 @@ def verify(
     record: Annotated[
         Path | None, typer.Option(help="Record of a single scan; by default SCAN.wm beside it.")
     ] = None,
-    embedding: OnlyEmbedding = "",
+    embedding: OnlyEmbedding = None,
     sensor: OnlySensor = "",
     session: OnlySession = "",
     max_age: MaxAge = None,
