@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from manip3d.authenticate import kitti_lattice
-from manip3d.experiments import spoofing_6
+from manip3d.experiments import registry, spoofing_6
 from manip3d.experiments._lidar_attacks import Target
+from manip3d.experiments._model import Plan
 from manip3d.lidar import Box
 
 CAR = Box((10.0, 0.0, -1.0), (4.0, 2.0, 1.5))
@@ -64,3 +65,17 @@ def test_a_replayed_car_stands_where_its_returns_are() -> None:
     box = spoofing_6._spoofed_box(CAR, target)
     assert box.contains(target.at_distance).all()
     assert np.hypot(*box.center[:2]) == pytest.approx(6.0, abs=0.5)
+
+
+@pytest.mark.parametrize(
+    ("name", "first"), [("spoofing-6", spoofing_6.FIRST_STREET), ("detector-3", 0)]
+)
+def test_each_seed_has_streets_of_its_own(name: str, first: int) -> None:
+    """The results that are published are those of seed 0."""
+    streets: list[set[int]] = []
+    for seed in range(3):
+        cases = registry()[name].cases(Plan(data="simulated", seed=seed))
+        blocks = [(each.options["first"], each.options["streets"]) for each in cases]
+        streets.append({k for start, count in blocks for k in range(start, start + count)})
+    assert min(streets[0]) == first
+    assert len(set.union(*streets)) == 3 * len(streets[0])

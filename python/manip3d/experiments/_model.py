@@ -41,6 +41,10 @@ class Plan:
     scale: Scale = "full"
     seed: int = 0
 
+    def street(self, number: int) -> int:
+        """Return the number of a simulated street; no seed has a street of another seed."""
+        return number + 1_000_000 * self.seed
+
 
 @dataclass(frozen=True)
 class Case:

@@ -199,7 +199,7 @@ def cases(plan: Plan) -> list[Case]:
 
 def _simulated_cases(plan: Plan) -> list[Case]:
     """Return cases of clean simulated streets, several streets in each case."""
-    block = STREETS_PER_CASE[plan.scale]
+    block, start = STREETS_PER_CASE[plan.scale], plan.street(0)
     return [
         Case(
             run_simulated,
@@ -213,7 +213,7 @@ def _simulated_cases(plan: Plan) -> list[Case]:
                 "streets": block,
             },
         )
-        for first in range(0, SIMULATED_STREETS[plan.scale], block)
+        for first in range(start, start + SIMULATED_STREETS[plan.scale], block)
     ]
 
 

@@ -272,7 +272,7 @@ def _scores(
 def _cases(plan: Plan) -> list[Case]:
     if plan.data == "real":
         return []
-    block = STREETS_PER_CASE[plan.scale]
+    block, start = STREETS_PER_CASE[plan.scale], plan.street(FIRST_STREET)
     return [
         Case(
             run_streets,
@@ -284,7 +284,7 @@ def _cases(plan: Plan) -> list[Case]:
                 "role": "simulated streets",
             },
         )
-        for first in range(FIRST_STREET, FIRST_STREET + STREETS[plan.scale], block)
+        for first in range(start, start + STREETS[plan.scale], block)
     ]
 
 
