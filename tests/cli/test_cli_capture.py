@@ -157,6 +157,26 @@ def test_plain_folders_need_intrinsics(walk: Path, tmp_path: Path) -> None:
     assert len(done.stderr.splitlines()) == 1
 
 
+def test_the_unit_of_a_folder_is_stated_as_for_depth_images(walk: Path) -> None:
+    (walk / "frames.jsonl").unlink()
+    (walk / "calibration.json").unlink()
+    order = ("capture", "info", walk, "--intrinsics", "15,15,7.5,5.5", "--json")
+    ranges = {
+        words: json.loads(manip3d(*order, *words).stdout)["range"]
+        for words in (
+            (), ("--unit", "0"), ("--unit", "mm"), ("--unit", "tum"), ("--unit", "5000"),
+            ("--units-per-metre", "5000"), ("--units-per-metre", "tum"),
+        )
+    }  # fmt: skip
+    millimetres, *_, tum = ranges.values()
+    assert list(ranges.values()) == 3 * [millimetres] + 4 * [tum]
+    assert tum == pytest.approx([far / 5 for far in millimetres], abs=0.0005)  # rounded to mm
+    for unit in ("kinect-raw", "guess", "-1", "disparity:9", "foo"):
+        refused = manip3d(*order, "--unit", unit)
+        assert refused.returncode == 2
+        assert "a number of units per metre" in refused.stderr
+
+
 def test_the_camera_of_a_folder_is_that_of_the_images_it_shows(walk: Path) -> None:
     (walk / "frames.jsonl").unlink()
     (walk / "calibration.json").unlink()

@@ -57,12 +57,33 @@ FolderIntrinsics = Annotated[
         "preset such as kinect-v2 ('manip3d depth --help' lists them).",
     ),
 ]
+
+
+_KNOWN_UNITS = "a number of units per metre, mm, tum or m"
+
+
+def _units_per_metre(text: str) -> float:
+    """Return the number of depth units in a metre that a number or the name of a unit states."""
+    from manip3d.io._depth_units import units_per_metre
+
+    try:
+        number = 0.0 if str(text) in ("0", "0.0") else units_per_metre(text)
+    except ValueError:
+        number = None
+    if number is None:
+        raise typer.BadParameter(f"expected {_KNOWN_UNITS}, got {text!r}")
+    return number
+
+
 FolderUnits = Annotated[
     float,
     typer.Option(
         "--units-per-metre",
-        min=0,
-        help="Depth units per metre of a folder of images; 0: 1000, or 5000 for a TUM sequence.",
+        "--unit",
+        parser=_units_per_metre,
+        metavar="UNIT",
+        help=f"Depth unit of a folder of images or a bag, as for 'manip3d depth': {_KNOWN_UNITS}; "
+        "0: mm, or tum for a TUM sequence.",
     ),
 ]
 FolderRate = Annotated[
