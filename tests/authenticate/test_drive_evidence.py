@@ -14,6 +14,7 @@ from manip3d import InputError, LidarFrame, authenticate, report
 from manip3d._util.shares import binomial_tail, clopper_pearson, upper_limit, upper_rate
 from manip3d.authenticate import DetectorReport, Inspection, drive_evidence, likelihood_ratio
 from manip3d.authenticate._drives import share_with_alarms
+from manip3d.authenticate._verdict import is_alarm
 
 NOTHING = authenticate.inspect(LidarFrame(np.zeros((0, 3), np.float32)))
 
@@ -289,3 +290,12 @@ def test_no_scan_of_a_drive_is_left_out_for_want_of_a_number() -> None:
     with pytest.raises(InputError, match="numbers: expected one for each frame, got 2"):
         list(found)
     assert len(list(authenticate.inspect_drive([empty] * 3, numbers=itertools.count()))) == 3
+
+
+@pytest.mark.parametrize("rate", [0.01, 0.001, 0.007, 0.002])
+def test_the_last_bits_of_a_logarithm_do_not_decide_a_verdict(rate: float) -> None:
+    """A p-value that equals the rate is an alarm on every processor."""
+    log = math.log10(rate)
+    for last_bits in (-1e-15, 0.0, 1e-15, 1e-12):
+        assert is_alarm(log + last_bits, rate)
+    assert not is_alarm(log + 1e-8, rate)

@@ -17,6 +17,7 @@ from manip3d.authenticate import (
     RiskTracker,
     temporal_factor,
 )
+from manip3d.authenticate._risk import _level
 from manip3d.errors import InputError
 
 
@@ -32,6 +33,18 @@ def attack(x: float = 8.0, y: float = 0.0, kind: str = "additive") -> AttackObse
 )  # fmt: skip
 def test_f_t_tells_apart_how_attacks_are_spread(pattern: str, expected: float) -> None:
     assert temporal_factor([c == "1" for c in pattern]) == pytest.approx(expected, abs=1e-12)
+
+
+@pytest.mark.parametrize("limit", ["low", "high"])
+def test_the_last_bit_of_a_factor_does_not_decide_the_level(limit: str) -> None:
+    """Cosines and exponentials of libm depend on the processor; their true value may be a limit."""
+    p = RiskParameters()
+    reached = {"low": "medium", "high": "high"}[limit]
+    share = getattr(p, limit) ** 2
+    for off in (math.nextafter(1.0, 0.0), 1.0, math.nextafter(1.0, 2.0)):
+        assert _level((share, off), p) == reached
+        assert _level((getattr(p, limit),) * 5 + (getattr(p, limit) * off,), p) == reached
+    assert _level((share, 1.0 - 1e-9), p) != reached
 
 
 def test_no_frames_are_refused_with_the_least_number_that_is_accepted() -> None:

@@ -24,7 +24,14 @@ from manip3d.authenticate._carriers import ALLOWED, MILLIMETRES, allowance, allo
 from manip3d.authenticate._lattice import LINE_TOLERANCE, SensorLattice
 from manip3d.authenticate._lattice_estimate import estimate_lattice, without_roundings
 from manip3d.authenticate._turned_copies import TURNS, turned_copy
-from manip3d.authenticate._verdict import NO_POWER, Calibration, Power, Verdict, verdict_repr
+from manip3d.authenticate._verdict import (
+    NO_POWER,
+    Calibration,
+    Power,
+    Verdict,
+    is_alarm,
+    verdict_repr,
+)
 from manip3d.errors import InputError
 from manip3d.lidar import Box, LidarFrame
 
@@ -316,7 +323,7 @@ class GenericResult(Showable):
             logs = [_log10_p(self.rules.get(k, k), s, points) for k, s in strength.items()]
             best = min(logs, default=0.0)
             log = min(0.0, tests + best)
-            if 10.0**log <= self.false_alarm_rate:
+            if is_alarm(log, self.false_alarm_rate):
                 kept.append(replace(region, p_value=10.0**log, strength=strength))
         evidence = {
             kind: replace(said, used=False, reason=REASONS[why])
@@ -668,9 +675,6 @@ class _Suspects:
         self.log10_p_corrected.append(corrected)
         return corrected
 
-    def _is_accused(self, corrected: float) -> bool:
-        return bool(10.0**corrected <= self._false_alarm_rate)
-
     def test_regions(self, found: Mapping[str, Any], rules: Mapping[str, str]) -> None:
         """Test each region of the kernel's answer by its strongest kind of evidence."""
         logs = [
@@ -682,7 +686,7 @@ class _Suspects:
             )
             for strengths, _, _ in found["regions"]
         ]
-        accused = [i for i, log in enumerate(logs) if self._is_accused(log)]
+        accused = [i for i, log in enumerate(logs) if is_alarm(log, self._false_alarm_rate)]
         accused = _without_rests(found, accused)
         self.regions = tuple(
             _region(found["regions"][i], logs[i], _rows_of(found, i), found["flags"], self._points)
@@ -693,7 +697,7 @@ class _Suspects:
     def test_together(self, kind: str, log10_p: float, places: Sequence[NDArray[np.int64]]) -> None:
         """Test places by one p-value; if they are too improbable, each becomes a region."""
         log = self._corrected(log10_p)
-        if self._is_accused(log):
+        if is_alarm(log, self._false_alarm_rate):
             new = (_region_of(rows, kind, log, log10_p, self._points) for rows in places)
             self.regions = (*self.regions, *new)
             self.rows = np.union1d(self.rows, np.concatenate(places))

@@ -376,7 +376,7 @@ class RiskTracker:
         factors["time"] = temporal_factor(attacked, frames=count)
         product = math.prod(factors.values())
         score = max(0.0, product) ** (1.0 / len(factors))
-        level = _level(score, p) if any(attacked) else "none"
+        level = _level(tuple(factors.values()), p) if any(attacked) else "none"
         return Risk(
             product,
             score,
@@ -493,10 +493,24 @@ def is_plausible(motion: tuple[float, float, float]) -> bool:
     return all(abs(value) <= _FARTHEST_M for value in motion)
 
 
-def _level(score: float, p: RiskParameters) -> str:
-    if score < p.low:
+_ROUNDING = 1e-12
+"""Share of a product by which rounding may change it."""
+
+
+def _level(factors: Sequence[float], p: RiskParameters) -> str:
+    """Return the level at the geometric mean of the factors.
+
+    Powers of the limits are compared, because the root of the product and a root that equals a
+    limit would depend on the libm of the processor.
+    """
+    product = max(0.0, math.prod(factors))
+
+    def reaches(limit: float) -> bool:
+        return product >= (1.0 - _ROUNDING) * math.prod([limit] * len(factors))
+
+    if not reaches(p.low):
         return "low"
-    return "medium" if score < p.high else "high"
+    return "high" if reaches(p.high) else "medium"
 
 
 def check_movement(speed_mps: float, motion: tuple[float, float, float]) -> None:

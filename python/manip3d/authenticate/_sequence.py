@@ -13,6 +13,7 @@ from manip3d._util.checked import checked
 from manip3d._util.reprs import short_repr
 from manip3d._util.shares import upper_rate
 from manip3d.authenticate._inspection import Inspection
+from manip3d.authenticate._verdict import LOG_ROUNDING
 from manip3d.errors import InputError
 
 if TYPE_CHECKING:
@@ -134,7 +135,7 @@ def drive_evidence(
     for number, ratio in enumerate(ratios.tolist()):
         sum_ = max(sum_, 0.0) + ratio
         evidence[number] = sum_
-        if sum_ >= threshold:
+        if sum_ >= threshold - LOG_ROUNDING:
             alarms.append(number)
             sum_ = 0.0
     judged = sum(each is not None and each.likelihood_ratio is not None for each in found)

@@ -56,6 +56,16 @@ def rate_of(detector: str, false_alarm_rate: float = FALSE_ALARM_RATE) -> float:
     return RATE_SHARES[detector] * false_alarm_rate
 
 
+LOG_ROUNDING = 1e-9
+"""Difference of log10 probabilities that counts as none. The last bits of libm's logarithms depend
+on the processor, and a probability may equal the rate with which it is compared."""
+
+
+def is_alarm(log10_p: float, false_alarm_rate: float) -> bool:
+    """Return whether a p-value does not exceed a rate by more than `LOG_ROUNDING`."""
+    return log10_p <= math.log10(false_alarm_rate) + LOG_ROUNDING
+
+
 def verdict_repr(self: Any) -> str:
     """Return the ``repr`` of a result that has a verdict and its reason."""
     return f"<manip3d.authenticate.{type(self).__name__}: {self.verdict}; {self.reason}>"
