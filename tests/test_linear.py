@@ -7,7 +7,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from manip3d._util.linear import eigen, inverse, line_fit, product
+from manip3d._util.linear import determinant, eigen, inverse, line_fit, product
 
 SHAPES = [
     ((3,), (3,)),
@@ -79,3 +79,14 @@ def test_small_eigenvalues_are_as_precise_as_large_ones() -> None:
     values, vectors = eigen(np.diag([1e-300, 1e300, 0.0]))
     assert values.tolist() == [1e-300, 1e300, 0.0]
     assert (vectors == np.eye(3)).all()
+
+
+def test_signs_of_determinants_are_right_up_to_needles_and_sheets() -> None:
+    random = np.random.default_rng(4)
+    for size in ([1.0, 1.0, 1.0], [1.0, 1e-9, 1e-9], [1.0, 1.0, 1e-9]):
+        for sign in (1.0, -1.0):
+            turn, _ = np.linalg.qr(random.normal(size=(3, 3)))
+            matrix = turn * np.sign(np.linalg.det(turn)) * np.array(size) @ np.diag([1, 1, sign])
+            assert determinant(matrix) == pytest.approx(sign * np.prod(size), rel=1e-5)
+    assert determinant([[0.0, 1.0], [1.0, 0.0]]) == -1.0
+    assert determinant(np.ones((3, 3))) == 0.0

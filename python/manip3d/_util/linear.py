@@ -43,6 +43,22 @@ def inverse(matrix: ArrayLike) -> NDArray[np.float64]:
     return rows[:, size:]
 
 
+def determinant(matrix: ArrayLike) -> float:
+    """Return the determinant of a small matrix, by elimination with pivots, without LAPACK.
+
+    The sign is right as long as rounding does not make the matrix singular.
+    """
+    rows, found = np.array(matrix, np.float64), 1.0
+    for i in range(len(rows)):
+        pivot = i + int(np.argmax(np.abs(rows[i:, i])))
+        rows[[i, pivot]] = rows[[pivot, i]]
+        found *= float(rows[i, i]) * (1.0 if pivot == i else -1.0)
+        if found == 0.0:
+            break
+        rows[i + 1 :] -= (rows[i + 1 :, i] / rows[i, i])[:, None] * rows[i]
+    return found
+
+
 _MAX_SWEEPS = 30
 """Largest number of sweeps of `eigen`; matrices of a dozen rows need less than ten."""
 

@@ -294,7 +294,9 @@ def _remoteness(
     frame, the longest common beginning of the topic's name, and the shortest distance.
     """
     is_own = depth.topic.rpartition("/")[0] == color.topic.rpartition("/")[0]
-    baseline = 0.0 if registration is None else float(np.linalg.norm(registration.translation))
+    baseline = (
+        0.0 if registration is None else float(np.linalg.norm(registration.translation, axis=-1))
+    )
     both = zip(depth.topic.split("/"), color.topic.split("/"), strict=False)
     common = sum(1 for _ in takewhile(lambda names: names[0] == names[1], both))
     return is_own, depth.frame_id != color.frame_id, -common, baseline

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Generic, NamedTuple, TypeVar
 import numpy as np
 
 from manip3d._util.checked import checked
-from manip3d._util.linear import product
+from manip3d._util.linear import determinant, product
 from manip3d._util.paths import path_of
 from manip3d._util.times import SECOND_NS
 from manip3d.authenticate import TURN_S, DriveMoment, StereoRig, WatchedDrive, read_rigs
@@ -255,7 +255,7 @@ def _matrices(
     turn = np.array(info["r"], np.float64).reshape(3, 3)
     if not turn.any():
         return p, np.eye(3)  # in ROS all zeros mean that R is not given
-    if not np.allclose(product(turn, turn.T), np.eye(3), atol=1e-4) or np.linalg.det(turn) < 0.0:
+    if not np.allclose(product(turn, turn.T), np.eye(3), atol=1e-4) or determinant(turn) < 0.0:
         return f"{name}: expected a rotation R"
     return p, turn
 

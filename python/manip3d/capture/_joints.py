@@ -517,7 +517,7 @@ def _unit(vectors: Floats) -> Floats:
 
 
 def _shortest_arc(a: Floats, b: Floats) -> Floats:
-    axis, cosine = np.cross(a, b), float(a @ b)
+    axis, cosine = np.cross(a, b), float(product(a, b))
     if cosine < -1.0 + 1e-9 or not (a.any() and b.any()):
         return np.eye(3)  # opposite directions have no shortest arc
     cross = np.array([[0, -axis[2], axis[1]], [axis[2], 0, -axis[0]], [-axis[1], axis[0], 0]])

@@ -14,7 +14,7 @@ import numpy as np
 
 from manip3d._util.callers import caller_level
 from manip3d._util.extras import imported
-from manip3d._util.linear import product
+from manip3d._util.linear import determinant, product
 from manip3d.errors import InputError
 from manip3d.io._face_colors import with_corner_colors
 from manip3d.io._images import image_bytes, with_common_images
@@ -385,7 +385,7 @@ def _transformed(points: Any, transform: NDArray[np.float64]) -> NDArray[np.floa
 
 def _outward(corners: NDArray[Any], transform: NDArray[np.float64]) -> NDArray[Any]:
     """Return corners of faces, in reverse order if the transform mirrors the mesh."""
-    return corners[:, ::-1] if np.linalg.det(transform[:3, :3]) < 0 else corners
+    return corners[:, ::-1] if determinant(transform[:3, :3]) < 0 else corners
 
 
 def _trimesh_corners(mesh: Any) -> NDArray[np.float64]:

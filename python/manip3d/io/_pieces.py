@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from manip3d._util.linear import product
+from manip3d._util.linear import determinant, product
 from manip3d.errors import FormatError
 from manip3d.io._face_colors import with_corner_colors
 from manip3d.mesh import Material, Mesh
@@ -52,7 +52,7 @@ class Piece:
         outwards.
         """
         turn = matrix[:3, :3]
-        mirrors = np.linalg.det(turn) < 0.0
+        mirrors = determinant(turn) < 0.0
         order = [0, 2, 1] if mirrors else [0, 1, 2]
         return Piece(
             product(self.vertices, turn) + matrix[3, :3],

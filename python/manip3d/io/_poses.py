@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from manip3d._util.linear import product
+from manip3d._util.linear import determinant, product
 from manip3d._util.text_files import text_of
 from manip3d.errors import FormatError
 
@@ -131,7 +131,7 @@ def trajectory(
             last = [np.array([0.0, 0.0, 0.0, 1.0])] if width == 12 else []
             poses.append(_checked_matrix([*values.reshape(-1, 4), *last], place, number))
             continue
-        if not abs(np.linalg.norm(values[-4:]) - 1) <= _UNIT_TOLERANCE:
+        if not abs(np.linalg.norm(values[-4:], axis=-1) - 1) <= _UNIT_TOLERANCE:
             text = "expected a quaternion of length 1 in the last four numbers"
             raise FormatError(text, file=str(place), line=number)
         pose = rigid(values[-7:])
@@ -264,4 +264,4 @@ def _is_rigid(pose: NDArray[np.float64]) -> bool:
     turn = pose[:3, :3]
     with np.errstate(over="ignore", invalid="ignore"):
         is_turn = np.abs(product(turn, turn.T) - np.eye(3)).max() <= _UNIT_TOLERANCE
-    return bool(is_turn and np.linalg.det(turn) > 0 and (pose[3] == (0, 0, 0, 1)).all())
+    return bool(is_turn and determinant(turn) > 0 and (pose[3] == (0, 0, 0, 1)).all())

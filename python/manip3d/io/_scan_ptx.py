@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, TextIO
 
 import numpy as np
 
-from manip3d._util.linear import product
+from manip3d._util.linear import determinant, inverse, product
 from manip3d.errors import FormatError
 from manip3d.io._files import atomic_path, open_regular, over_max_bytes
 from manip3d.io._limits import check_points
@@ -115,12 +115,12 @@ def _read_one(lines: _Lines, size: int, index: int) -> LidarFrame:
     position = lines.numbers(3)
     axes = np.array([lines.numbers(3) for _ in range(3)])
     pose = np.array([lines.numbers(4) for _ in range(4)]).T  # PTX's matrix acts on row vectors
-    if not np.array_equal(pose[3], (0.0, 0.0, 0.0, 1.0)) or not abs(np.linalg.det(pose)) > 0.0:
+    if not np.array_equal(pose[3], (0.0, 0.0, 0.0, 1.0)) or not abs(determinant(pose)) > 0.0:
         raise lines.error("expected a matrix that moves and turns")
     table = _read_points(lines, count)
     stored = np.ascontiguousarray(table[:, :3])
     # If the stated position is not the origin of the points, they are not relative to the scanner.
-    stands = np.linalg.solve(pose, [*position, 1.0])[:3]
+    stands = product(inverse(pose), [*position, 1.0])[:3]
     is_own = not position.any() or bool(np.abs(stands).max() < _SAME_PLACE)
     about = {"pose": pose, "position": position, "axes": axes, "shape": shape, "index": index}
     layout = ScanFormat("ptx", header=about, to_file=near_zero(stored))

@@ -13,6 +13,7 @@ import numpy as np
 
 from manip3d import __version__
 from manip3d._util.checked import checked
+from manip3d._util.linear import inverse, product
 from manip3d._util.paths import path_of
 from manip3d.errors import InputError
 from manip3d.io._files import atomic_write
@@ -132,10 +133,10 @@ def scanner_poses(found: Sequence[Inspection | None]) -> list[Pose | None]:
         pose = None
         if last is not None and each is not None and _aligned(each):
             assert each.turns is not None
-            pose = last @ np.linalg.inv(each.turns.previous)
+            pose = product(last, inverse(each.turns.previous))
         elif last is not None and before is not None and _aligned(before):
             assert before.turns is not None
-            pose = last @ before.turns.following
+            pose = product(last, before.turns.following)
         poses.append(pose)
     return poses
 
@@ -325,7 +326,7 @@ def _map(found: Sequence[Inspection | None], names: Sequence[str]) -> str:
 def _outline(box: Box, pose: Pose) -> NDArray[np.float64]:
     """Return the corners (4, 2) of a box from above, in the drive's coordinates."""
     places = np.column_stack([box_outline(box, 0.3), np.ones(4)])
-    outline: NDArray[np.float64] = (places @ pose.T)[:, :2]
+    outline: NDArray[np.float64] = product(places, pose.T)[:, :2]
     return outline
 
 

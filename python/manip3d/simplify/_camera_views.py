@@ -10,7 +10,7 @@ import numpy as np
 
 from manip3d import _core
 from manip3d._util.arrays import checked_grid, rows
-from manip3d._util.linear import product
+from manip3d._util.linear import determinant, product
 from manip3d._util.reprs import short_repr
 from manip3d.camera import Intrinsics, Registration, checked_depth
 from manip3d.errors import InputError
@@ -98,7 +98,7 @@ def checked_view(view: CameraView, index: int, threads: int) -> View:
         pose.shape == (4, 4)
         and np.isfinite(pose).all()
         and np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-3)
-        and np.linalg.det(rotation) > 0
+        and determinant(rotation) > 0
         and (pose[3] == (0, 0, 0, 1)).all()
     )
     if not rigid:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from manip3d._util.linear import eigen, inverse, line_fit, product
+from manip3d._util.linear import determinant, eigen, inverse, line_fit, product
 from manip3d.camera import Intrinsics
 from manip3d.io._scan_files import holds_points
 from manip3d.io._scan_tables import scan_suffix
@@ -193,9 +193,10 @@ def _pose(
     )
     squares, unknowns = eigen(product(equations.T, equations))
     camera = unknowns[:, np.argmin(squares)].reshape(3, 4)
-    camera *= np.sign(np.linalg.det(camera[:, :3]))
-    if abs(np.linalg.det(camera[:, :3])) < 1e-12:
+    volume = determinant(camera[:, :3])
+    if abs(volume) < 1e-12:
         return None
+    camera *= np.sign(volume)
     lens, rotation = _lens_and_rotation(camera[:, :3])
     if not abs(lens[0, 1]) <= _MAX_SKEW * lens[0, 0]:
         return None

@@ -12,7 +12,7 @@ import numpy as np
 
 from manip3d._util.arrays import as_array
 from manip3d._util.checked import checked
-from manip3d._util.linear import eigen, inverse, product
+from manip3d._util.linear import determinant, eigen, inverse, product
 from manip3d._util.options import shares, sharing
 from manip3d._util.texts import counted
 from manip3d.errors import InputError
@@ -460,7 +460,7 @@ class _Placed:
         return _SWAY * _diagonal(self.scene.meshes[index].vertices)
 
     def _mirrors(self, index: int) -> bool:
-        return bool(np.linalg.det(self._places[index][:3, :3]) < 0.0)
+        return bool(determinant(self._places[index][:3, :3]) < 0.0)
 
     def _merge(self) -> Mesh:
         """Concatenate the meshes; corners of a mesh without an attribute get the index -1."""

@@ -112,7 +112,7 @@ class Placement:
         if not (thing.num_faces if isinstance(thing, Mesh) else thing.num_points):
             return cls(np.zeros(3), 1.0)
         low, high = thing.bounds
-        diagonal = float(np.linalg.norm(high - low))
+        diagonal = float(np.linalg.norm(high - low, axis=-1))
         return cls(0.5 * (low + high), 1.0 / (diagonal or 1.0))
 
     def __call__(self, points: Points) -> Points:
@@ -247,7 +247,8 @@ def _axes_entry(cloud: DrawnPoints, placement: Placement) -> dict[str, Any]:
     if cloud.origin is None and not ((low <= place) & (place <= high)).all():
         place = low
     seen_from = cloud.poses[0].position if cloud.poses else high
-    distance = float(np.linalg.norm(seen_from - place)) or float(np.linalg.norm(high - low)) or 1.0
+    away, diagonal = (float(np.linalg.norm(v, axis=-1)) for v in (seen_from - place, high - low))
+    distance = away or diagonal or 1.0
     length = round_length(0.2 * distance)
     return {
         "place": placement(place).tolist(),

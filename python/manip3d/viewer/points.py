@@ -591,7 +591,7 @@ def least_width(points: NDArray[Any]) -> float:
     if not len(points):
         return 0.0
     low, high = np.percentile(points, [1.0, 99.0], axis=0)
-    return MIN_SHARE * float(np.linalg.norm(high - low))
+    return MIN_SHARE * float(np.linalg.norm(high - low, axis=-1))
 
 
 _EDGES = np.array(

@@ -140,9 +140,9 @@ class Pose:
         tan = math.tan(math.radians(self.view_angle / 2.0)) / zoom
         tan *= max(1.0, self.aspect * size[1] / size[0])
         middle = 0.5 * (bounds[0] + bounds[1])
-        radius = 0.5 * float(np.linalg.norm(bounds[1] - bounds[0]))
-        far = float(np.linalg.norm(self.position - middle)) + radius
-        near = 1e-3 * float(np.linalg.norm(self.target - self.position))
+        radius = 0.5 * float(np.linalg.norm(bounds[1] - bounds[0], axis=-1))
+        far = float(np.linalg.norm(self.position - middle, axis=-1)) + radius
+        near = 1e-3 * float(np.linalg.norm(self.target - self.position, axis=-1))
         return Camera(
             position=self.position,
             target=self.target,
