@@ -467,7 +467,9 @@ def test_wrong_options() -> None:
         simplify.simplify(hill, "fast", ratio=0.5, max_distance=1.0)
     with pytest.raises(InputError, match="locked: expected bool of shape"):
         simplify.fast(hill, ratio=0.5, locked=np.zeros(3, dtype=bool))
-    for name in ("boundary_weight", "seam_weight", "max_error", "threads"):
+    with pytest.raises(InputError, match="threads: expected 0 to 2147483647, got -1"):
+        simplify.fast(hill, target_faces=5, threads=-1)
+    for name in ("boundary_weight", "seam_weight", "max_error"):
         with pytest.raises(InputError, match=r"expected .*>= 0, got"):
             simplify.fast(hill, **{"target_faces": 5, name: -1})  # type: ignore[arg-type]
 
