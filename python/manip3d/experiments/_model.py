@@ -42,7 +42,23 @@ class Plan:
     seed: int = 0
 
     def street(self, number: int) -> int:
-        """Return the number of a simulated street; no seed has a street of another seed."""
+        """Return the number of a simulated street; no seed has a street of another seed.
+
+        Parameters
+        ----------
+        number : int
+            The street's number with seed 0.
+
+        Returns
+        -------
+        int
+
+        Examples
+        --------
+        >>> from manip3d.experiments import Plan
+        >>> Plan(seed=2).street(91_000)
+        2091000
+        """
         return number + 1_000_000 * self.seed
 
 
