@@ -216,6 +216,28 @@ TEST(InRealTime, FramesComeAtTheirTimes) {
   EXPECT_THROW(in_real_time(std::make_unique<FakeCamera>(1), 0.0), InputError);
 }
 
+TEST(InRealTime, FramesAfterAStopComeAtTheirTimesToo) {
+  auto camera = std::make_unique<FakeCamera>(8);
+  constexpr std::int64_t kStep = 20'000'000;
+  camera->step_ns = kStep;
+  const auto source = in_real_time(std::move(camera), 1.0);
+  source->start();
+  RgbdFrame frame;
+  ASSERT_EQ(source->read(frame, kLong), ReadStatus::kFrame);
+  source->stop();
+  std::this_thread::sleep_for(milliseconds(200));  // longer than the rest of the recording
+  const auto begin = Clock::now();
+  source->start();
+  ASSERT_EQ(source->read(frame, kLong), ReadStatus::kFrame);
+  const std::int64_t first_ns = frame.time_ns;
+  do {
+    // If the first frame has waited since before the stop, the second one begins the time. With a
+    // clock that ran on during the pause, all frames would come at once.
+    EXPECT_GE(Clock::now() - begin, std::chrono::nanoseconds(frame.time_ns - first_ns - kStep));
+  } while (source->read(frame, kLong) == ReadStatus::kFrame);
+  EXPECT_EQ(frame.number, 7);
+}
+
 TEST(GrabThread, StopsFromAnyThreadAtOnceAndTwice) {
   for (int trial = 0; trial < 20; ++trial) {
     GrabThread source(std::make_unique<FakeCamera>(0));

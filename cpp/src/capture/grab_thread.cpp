@@ -39,7 +39,11 @@ class Paced final : public RgbdSource {
   [[nodiscard]] std::optional<std::int64_t> num_frames() const override {
     return recording_->num_frames();
   }
-  void start() override { recording_->start(); }
+  void start() override {
+    recording_->start();
+    began_ = false;  // the time between stop and start is none of the recording's
+    if (is_held_) hold();
+  }
   void stop() override { recording_->stop(); }
 
   void seek(std::int64_t index) override {
