@@ -294,6 +294,10 @@ class SwitchedForgery:
         """End the thread of the inner source."""
         self._inner.stop()
 
+    def close(self) -> None:
+        """Close the inner source; `start` opens it again."""
+        self._inner._close()
+
 
 def _same(one: Registration | None, other: Registration | None) -> bool:
     if one is None or other is None:

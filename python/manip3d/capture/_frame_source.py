@@ -15,6 +15,30 @@ Frame = TypeVar("Frame")
 _POLL_MS = 100  # longest wait in compiled code; Python handles Ctrl-C between two waits
 
 
+class ClosedSource:
+    """Counts of a source of ``_core`` or of Python that was closed, and no frames.
+
+    It takes the place of the source, so that this is deleted, and closes its files, as soon as no
+    other thread reads it.
+    """
+
+    def __init__(self, source: Any) -> None:
+        self._counters: dict[str, int] = source.counters()
+        if hasattr(source, "close"):
+            source.close()
+
+    def read(self, timeout_ms: int) -> bool:
+        """Return False: there are no more frames."""
+        return False
+
+    def counters(self) -> dict[str, int]:
+        """Return the numbers that the source had counted when it was closed."""
+        return dict(self._counters)
+
+    def stop(self) -> None:
+        """Do nothing, because nothing runs."""
+
+
 class FrameSource(ABC, Generic[Frame]):
     """Base class of sources, which read frames in order from ``_source``.
 
@@ -22,8 +46,8 @@ class FrameSource(ABC, Generic[Frame]):
     "not yet" or False for "no more frames", and may be called from any thread. If several threads
     read, each frame goes to one of them. `stop` may be called at any time, from any thread and
     several times: it ends a `read` that waits, and a source that is not live yields no further
-    frames. A ``with`` statement closes the source: a loop that begins afterwards is an error,
-    because it would look like one over an empty recording.
+    frames. A ``with`` statement closes the source, with its files, sockets and processes: a loop
+    that begins afterwards is an error, because it would look like one over an empty recording.
     """
 
     uri: str
@@ -88,8 +112,16 @@ class FrameSource(ABC, Generic[Frame]):
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
+        self._close()
+
+    def _close(self) -> None:
         self._is_closed = True
         self.stop()
+        self._release()
+
+    @abstractmethod
+    def _release(self) -> None:
+        """Close what the source keeps open; its counts can still be asked for."""
 
     def __repr__(self) -> str:
         return f"<manip3d.capture.{type(self).__name__}: {self.uri}>"

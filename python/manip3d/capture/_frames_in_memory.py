@@ -202,3 +202,8 @@ class IteratedFrames:
     def stop(self) -> None:
         """End the wait for the time of a frame; there is no thread."""
         self._clock.stop()
+
+    def close(self) -> None:
+        """Drop the iteration, and the files that it keeps open; an iterator stays the caller's."""
+        if not isinstance(self._all, Iterator):
+            self._frames = iter(())

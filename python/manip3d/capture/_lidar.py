@@ -17,7 +17,7 @@ from manip3d import _core
 from manip3d._util.checked import checked
 from manip3d._util.paths import path_of
 from manip3d.capture._bag import place_and_topic
-from manip3d.capture._frame_source import FrameSource
+from manip3d.capture._frame_source import ClosedSource, FrameSource
 from manip3d.capture._past_errors import past_errors
 from manip3d.capture._velodyne_calibration import VelodyneCalibration, read_velodyne_calibration
 from manip3d.errors import Error, FormatError, InputError
@@ -53,6 +53,7 @@ class LidarSource(FrameSource[LidarFrame]):
         self.errors: dict[int, str] = {}
         self.is_live = live
         self._source = source
+        self._port = int(source.port()) if live else 0
         self._skipped = 0
         self._lock = threading.Lock()
 
@@ -73,7 +74,7 @@ class LidarSource(FrameSource[LidarFrame]):
         """
         if not self.is_live:
             raise InputError(f"port: {self.uri} is a recording")
-        return int(self._source.port())
+        return self._port
 
     def read(self, timeout: float | None = None) -> LidarFrame | None:
         """Read the next frame.
@@ -162,6 +163,9 @@ class LidarSource(FrameSource[LidarFrame]):
         self._is_stopped = True
         if self.is_live:
             self._source.stop()
+
+    def _release(self) -> None:
+        self._source = ClosedSource(self._source)
 
 
 class _Frames(Iterator[LidarFrame]):

@@ -10,7 +10,7 @@ from typing import Any, cast, overload
 from manip3d._util.callers import caller_level
 from manip3d._util.checked import checked
 from manip3d.camera import Intrinsics, Registration
-from manip3d.capture._frame_source import FrameSource
+from manip3d.capture._frame_source import ClosedSource, FrameSource
 from manip3d.capture._frames_in_memory import IteratedFrames
 from manip3d.capture._past_errors import past_errors
 from manip3d.errors import FormatError, InputError
@@ -27,8 +27,8 @@ class RgbdSource(FrameSource[RgbdFrame]):
     its first frame, except after `stop`. After a ``with`` statement iterating raises `InputError`,
     until `start` or `seek` opens the source again. `start` rewinds a recording that is read as fast
     as possible, whether it has ended or not; one that is played in real time continues, as a camera
-    does. Sources made by `from_frames` can be rewound if their frames are a sequence, a simulator
-    or a data set, but not if they come from an iterator.
+    does, unless a ``with`` statement has closed it. Sources made by `from_frames` can be rewound if
+    their frames are a sequence, a simulator or a data set, but not if they come from an iterator.
 
     Sources that can be rewound also have an index: ``source[10]`` is the eleventh frame,
     ``source[-1]`` the last one, ``source[10:20]`` a list. An index does not move the place at which
@@ -120,7 +120,8 @@ class RgbdSource(FrameSource[RgbdFrame]):
         """Open the device again after a `DeviceError`, or rewind a recording and its counters.
 
         `open` has started a new source already. A recording that is played in real time is not
-        rewound: it continues where an error stopped it, as a camera does.
+        rewound: it continues where `stop` or an error stopped it, as a camera does. A recording
+        that a ``with`` statement has closed begins at its first frame.
 
         Raises
         ------
@@ -129,7 +130,8 @@ class RgbdSource(FrameSource[RgbdFrame]):
         FormatError, OSError
             The recording was changed or removed, and cannot be read.
         """
-        if self._is_started and self._reopen is not None and not self.is_live:
+        goes_on = self.is_live and not self._is_closed
+        if self._is_started and self._reopen is not None and not goes_on:
             self._open_again(self._reopen)
         self._begin()
 
@@ -300,6 +302,29 @@ class RgbdSource(FrameSource[RgbdFrame]):
         self._is_stopped = True
         self._source.stop()
         self._indexed = None
+
+    def _release(self) -> None:
+        if hasattr(self._source, "close"):
+            self._source.close()
+        elif self._reopen is not None:  # a camera has closed its device, and `start` opens it again
+            self._source = _ClosedRecording(self._source)
+
+
+class _ClosedRecording(ClosedSource):
+    """Counts and properties of a recording that was closed."""
+
+    def __init__(self, source: Any) -> None:
+        super().__init__(source)
+        self._num_frames: int | None = source.num_frames()
+        self._conversions: Mapping[str, Any] = source.conversions()
+
+    def num_frames(self) -> int | None:
+        """Return the number of frames of the recording; None if it is not known."""
+        return self._num_frames
+
+    def conversions(self) -> Mapping[str, Any]:
+        """Return how the recording's frames differ from what its files hold."""
+        return self._conversions
 
 
 @checked
