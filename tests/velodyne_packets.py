@@ -175,12 +175,19 @@ def vls128_packets(count: int) -> list[bytes]:
 
 
 def seen_turns(
-    low: float, high: float, *, turns: int = 6, hertz: int = 10, has_times: bool = True
+    low: float,
+    high: float,
+    *,
+    turns: int = 6,
+    hertz: int = 10,
+    has_times: bool = True,
+    has_dual: bool = False,
 ) -> list[bytes]:
     """Return packets of a VLP-16 with a field of view from ``low`` to ``high`` degrees.
 
     If ``low`` is larger, the view includes 0 degrees, where turns begin. As in the
     sensor, a packet holds the next twelve blocks that are seen, and the time of the first one.
+    With ``has_dual`` two blocks hold the returns of one column.
     """
     column_us = 110.592
     step = 36e-3 * column_us * hertz  # 0.01 degrees per column
@@ -190,11 +197,14 @@ def seen_turns(
     if low > high:
         inside = (azimuths >= 100 * low) | (azimuths <= 100 * high)
     seen = columns[inside]
+    if has_dual:
+        seen = np.repeat(seen, 2)
+    mode = DUAL if has_dual else STRONGEST
     packets = []
     for i in range(0, len(seen) - 11, 12):
         blocks = [block(int(azimuths[c]), [1000] * 32) for c in seen[i : i + 12]]
         time_us = round(seen[i] * column_us) if has_times else 0
-        packets.append(packet(blocks, product=PRODUCT["vlp16"], time_us=time_us))
+        packets.append(packet(blocks, mode=mode, product=PRODUCT["vlp16"], time_us=time_us))
     return packets
 
 

@@ -72,6 +72,7 @@ Counts to_counts(const VelodyneCounters& c) {
   fields["bad_block_flag"] = c.bad_block_flag;
   fields["bad_azimuth"] = c.bad_azimuth;
   fields["backward_azimuth"] = c.backward_azimuth;
+  fields["lost_packets"] = c.lost_packets;
   fields["no_return"] = c.no_return;
   fields["duplicates"] = c.duplicates;
   fields["out_of_range"] = c.out_of_range;

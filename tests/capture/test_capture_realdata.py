@@ -62,8 +62,31 @@ def test_counts_of_the_manifest(
     assert returns + counters["no_return"] == firings
     refused = ("bad_length", "unknown_product", "other_product", "unknown_return_mode", "bad_time",
                "bad_block_flag", "bad_azimuth", "backward_azimuth", "out_of_range", "file_other",
-               "file_cut_short", "file_fragments", "overlong_frames")  # fmt: skip
+               "file_cut_short", "file_fragments", "overlong_frames", "lost_packets")  # fmt: skip
     assert {key: counters[key] for key in refused if counters[key]} == {}
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["sample_velodyne_hdl32.pcap", "sample_velodyne_vlp16_gps.pcap", "reference/vlp16.pcap"],
+)
+def test_packets_that_are_taken_out_are_counted(
+    realdata: RealData, tmp_path: Path, name: str
+) -> None:
+    """One packet, five in a row and forty in a row, after the first turns."""
+    data = realdata(f"lidar/packets/{name}").read_bytes()
+    records, at = [], 24
+    while at < len(data):
+        size = 16 + struct.unpack_from("<I", data, at + 8)[0]
+        records.append(data[at : at + size])
+        at += size
+    sent = [number for number, each in enumerate(records) if len(each) == 16 + 42 + 1206]
+    first = len(sent) * 7 // 10
+    for places in ([first], [first, *range(first + 9, first + 14)], range(first, first + 40)):
+        lost = {sent[place] for place in places}
+        left = (each for number, each in enumerate(records) if number not in lost)
+        (tmp_path / "cut.pcap").write_bytes(data[:24] + b"".join(left))
+        assert decoded(tmp_path / "cut.pcap")[1]["lost_packets"] == len(lost)
 
 
 def test_reference_of_a_vlp32c(realdata: RealData) -> None:

@@ -137,7 +137,7 @@ def test_a_limited_field_of_view_gives_a_frame_for_each_turn(
     """Wherever the cut is: within the field of view or beside it."""
     packets = seen_turns(*field, hertz=hertz, has_times=has_times)
     frames, counters = decode(tmp_path, packets, cut_azimuth=cut)
-    assert counters["backward_azimuth"] == 0
+    assert counters["backward_azimuth"] == counters["lost_packets"] == 0
     assert counters["points"] == len(packets) * 384
     # A cut within the seen part divides the first turn and the last; a packet may hold the end of
     # one turn and the begin of the next.
@@ -164,6 +164,7 @@ def test_swapped_packets_make_no_turn(tmp_path: Path, hertz: int) -> None:
         swapped = [*packets[:late], packets[late + 1], packets[late], *packets[late + 2 :]]
         frames, counters = decode(tmp_path, swapped)
         assert counters["backward_azimuth"] == 12
+        assert counters["lost_packets"] == 0
         assert complete(frames) == complete(whole)
         assert abs(frames[2].num_points - whole[2].num_points) <= 12 * 32
 
@@ -174,6 +175,38 @@ def test_a_turn_with_a_large_gap_is_not_complete(tmp_path: Path) -> None:
     lost = slice(3 * per_turn + 5, 3 * per_turn + 5 + 2 * per_turn // 3)
     frames, _ = decode(tmp_path, [*packets[: lost.start], *packets[lost.stop :]])
     assert complete(frames) == [False, True, True, False, True, False]
+
+
+@pytest.mark.parametrize("mode", [STRONGEST, DUAL])
+@pytest.mark.parametrize("hertz", [5, 20])
+@pytest.mark.parametrize("field", [(100, 260), (270, 90), (0, 360)])
+def test_lost_packets_are_counted(
+    tmp_path: Path, field: tuple[int, int], hertz: int, mode: int
+) -> None:
+    """One packet and five in a row are lost within the field of view, in the fourth turn."""
+    packets = seen_turns(*field, hertz=hertz, has_dual=mode == DUAL)
+    whole, counters = decode(tmp_path, packets)
+    assert counters["lost_packets"] == 0
+    per_turn = len(packets) // 6
+    low, high = field
+    middle = 3 * per_turn + (per_turn // 2 if low < high else 0)  # of the field of view
+    few = per_turn // 6
+    lost = {middle - few, *range(middle + few, middle + few + min(5, few))}
+    left = [each for number, each in enumerate(packets) if number not in lost]
+    frames, counters = decode(tmp_path, left)
+    assert counters["lost_packets"] == len(lost) > 1
+    assert counters["packets"] == len(left)
+    assert len(frames) == len(whole)
+
+
+def test_pauses_and_wrong_times_are_no_lost_packets(tmp_path: Path) -> None:
+    packets = seen_turns(0, 360, turns=16)
+    paused = [*packets[:300], *packets[-100:]]  # 1.1 s later
+    assert decode(tmp_path, paused)[1]["lost_packets"] == 0
+    wrong = packets[:300]
+    wrong[200] = with_bytes(wrong[200], 1200, b"\xff\xff\xff\xff")
+    counters = decode(tmp_path, wrong)[1]
+    assert (counters["bad_time"], counters["lost_packets"]) == (1, 0)
 
 
 def test_a_stray_packet_is_no_vls128(tmp_path: Path) -> None:

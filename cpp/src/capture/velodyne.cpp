@@ -36,6 +36,10 @@ constexpr double kLongestDelay = 1.0;  // seconds; larger steps back are made by
 // Half a turn takes 25 ms or more: within less time, the scanner cannot have left a narrow field of
 // view and come back to it.
 constexpr double kShortestHalfTurn = 0.02;
+constexpr double kHourSeconds = 3600.0;
+// Frames for which an azimuth without a block is one whose packets were lost, not one outside of a
+// field of view that was changed while the sensor runs.
+constexpr std::int64_t kRemembered = 10;
 
 enum ReturnMode : std::uint8_t { kModeStrongest = 0x37, kModeLast = 0x38, kModeDual = 0x39 };
 
@@ -244,6 +248,7 @@ struct VelodyneDecoder::Packet {
   std::array<Block, kBlocks> blocks;
   std::optional<std::int64_t> time_ns;
   double sensor_time = 0.0;  // seconds after the hour
+  double span = 0.0;  // seconds until the next packet; 0: unknown, because a block is bad or a gap
 };
 
 VelodyneDecoder::VelodyneDecoder(VelodyneOptions options) : options_(std::move(options)) {
@@ -276,7 +281,8 @@ void VelodyneDecoder::reset() {
   model_.reset();
   last_azimuth_.reset();
   is_open_ = false;
-  turn_ = 0.0;
+  last_span_ = turn_ = 0.0;
+  measured_.fill(-kRemembered);
   covered_ = field_ = 0;
   frame_ = {};
   ended_.clear();
@@ -414,16 +420,49 @@ bool VelodyneDecoder::has_equal_azimuths(const Packet& packet) {
   return true;
 }
 
-// Measures how far the scanner turns during each block. `next` is the distance to the block of the
-// next column. The last valid rotation is used if a block is bad or the packet ends.
+// Measures how far the scanner turns during each block, and how long the packet takes. `next` is
+// the distance to the block of the next column. The last valid rotation is used if a block is bad
+// or the packet ends.
 void VelodyneDecoder::measure_turns(Packet& packet, std::size_t next) {
   auto& blocks = packet.blocks;
+  bool is_even = true;
   for (std::size_t b = 0; b < kBlocks; ++b) {
-    if (b + next < kBlocks && blocks[b].is_good && blocks[b + next].is_good) {
+    if (b + next < kBlocks) {
+      const bool are_good = blocks[b].is_good && blocks[b + next].is_good;
       const std::uint32_t turn = forward(blocks[b].azimuth, blocks[b + next].azimuth);
-      if (turn <= kLargestTurn) turn_ = turn;
+      if (are_good && turn <= kLargestTurn) {
+        turn_ = turn;
+      } else {
+        is_even = false;
+      }
     }
     blocks[b].turn = turn_;
+  }
+  const bool has_time = packet.sensor_time < kHourSeconds;
+  if (is_even && has_time) packet.span = column_time_ * static_cast<double>(kBlocks / next);
+}
+
+// Were there blocks at all azimuths (0.01 degrees) from the first one on, in the last frames?
+bool VelodyneDecoder::was_measured(std::uint32_t from, std::uint32_t length) const {
+  const std::size_t first = from / 100;
+  const std::size_t count = std::min<std::size_t>(length / 100 + 1, measured_.size());
+  for (std::size_t i = 0; i < count; ++i) {
+    if (counters_.frames - measured_[(first + i) % measured_.size()] >= kRemembered) return false;
+  }
+  return true;
+}
+
+// Counts the packets that were lost before this one. One that comes late was not lost.
+void VelodyneDecoder::count_lost(const Packet& packet) {
+  if (!(last_span_ > 0.0) || packet.sensor_time >= kHourSeconds) return;
+  const double elapsed = std::remainder(packet.sensor_time - last_time_, kHourSeconds);
+  if (elapsed < 0.0 && elapsed > -kLongestDelay && counters_.lost_packets > 0) {
+    --counters_.lost_packets;
+  }
+  if (!(elapsed > 1.5 * last_span_ && elapsed < kLongestDelay)) return;
+  const double swept = turn_ * (elapsed - last_span_) / column_time_;
+  if (was_measured(*last_azimuth_, static_cast<std::uint32_t>(swept))) {
+    counters_.lost_packets += std::llround(elapsed / last_span_) - 1;
   }
 }
 
@@ -451,6 +490,7 @@ void VelodyneDecoder::decode(std::span<const std::byte> payload,
   const bool some = std::any_of(packet.blocks.begin(), packet.blocks.end(),
                                 [](const Block& block) { return block.is_good; });
   if (some) ++counters_.packets;
+  count_lost(packet);
   bool is_first = true;
   for (std::size_t b = 0; b < kBlocks; ++b) {
     if (!packet.blocks[b].is_good) continue;
@@ -465,7 +505,6 @@ void VelodyneDecoder::decode(std::span<const std::byte> payload,
 // steps forward, too.
 bool VelodyneDecoder::is_behind(std::uint32_t step, const Packet& packet) const {
   if (step < kTurnTicks / 2) return false;
-  constexpr double kHourSeconds = 3600.0;
   const double elapsed = std::remainder(packet.sensor_time - last_time_, kHourSeconds);
   if (elapsed < 0.0 && elapsed > -kLongestDelay) return true;
   return kTurnTicks - step <= kLargestReturn && elapsed < kShortestHalfTurn;
@@ -488,6 +527,8 @@ void VelodyneDecoder::advance(std::uint32_t azimuth, const Packet& packet, bool 
   if (!is_late) {
     last_azimuth_ = azimuth;
     last_time_ = packet.sensor_time;
+    last_span_ = packet.span;
+    measured_[azimuth / 100] = counters_.frames;
   }
   const bool is_overlong = frame_.num_points() >= options_.max_points_per_frame;
   if (is_open_ && is_overlong) ++counters_.overlong_frames;
@@ -536,7 +577,6 @@ void VelodyneDecoder::decode_block(const Packet& packet, std::size_t index,
                         packet.blocks[block.twin].is_lower == block.is_lower;
   const std::size_t base = index * kBlockBytes + 4;
   const std::size_t twin_base = has_twin ? block.twin * kBlockBytes + 4 : base;
-  constexpr double kHourSeconds = 3600.0;
   double packet_time = packet.sensor_time - frame_time_;
   if (packet_time < -kHourSeconds / 2.0) packet_time += kHourSeconds;  // a new hour has begun
   for (std::size_t i = 0; i < kFirings; ++i) {

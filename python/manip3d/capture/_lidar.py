@@ -44,6 +44,9 @@ class LidarSource(FrameSource[LidarFrame]):
     counters : dict of str to int
         Numbers of frames, packets and points that were read or refused so far. Each firing of a
         valid block counts once: as ``points``, ``no_return``, ``duplicates`` or ``out_of_range``.
+        ``lost_packets`` is the number of a Velodyne's packets that are missing: by the times of the
+        others, and in directions that earlier turns measured. It does not count packets in the
+        first turn, in gaps of more than a second, and of an HDL-64E, whose rate is not known.
     errors : dict of int to str
         Index in `past_errors` of each frame that could not be read, with the reason.
     """

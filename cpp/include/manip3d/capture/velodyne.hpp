@@ -1,5 +1,6 @@
 #pragma once
 
+#include <array>
 #include <cstddef>
 #include <cstdint>
 #include <deque>
@@ -93,9 +94,12 @@ struct VelodyneCounters {
   std::int64_t bad_block_flag = 0;       ///< Blocks with an unknown flag.
   std::int64_t bad_azimuth = 0;          ///< Blocks with an azimuth of 360 degrees or more.
   std::int64_t backward_azimuth = 0;     ///< Blocks behind an earlier one; they are decoded.
-  std::int64_t no_return = 0;            ///< Firings with range 0.
-  std::int64_t duplicates = 0;           ///< Second ones of two equal returns.
-  std::int64_t out_of_range = 0;         ///< Returns outside of min_range_m and max_range_m.
+  /// Packets that the scanner must have sent between two others, by their times (see
+  /// VelodyneDecoder); those of an HDL-64E, whose rate no manual states, are not counted.
+  std::int64_t lost_packets = 0;
+  std::int64_t no_return = 0;     ///< Firings with range 0.
+  std::int64_t duplicates = 0;    ///< Second ones of two equal returns.
+  std::int64_t out_of_range = 0;  ///< Returns outside of min_range_m and max_range_m.
   std::int64_t points = 0;
   std::int64_t frames = 0;
   std::int64_t overlong_frames = 0;  ///< Frames that ended at max_points_per_frame.
@@ -126,6 +130,10 @@ struct VelodyneFrame {
 
 /// Decodes packets into frames. Safe for any bytes: a packet is either decoded, to exactly the
 /// points that it contains, or refused and counted.
+///
+/// A scanner sends packets one after the other as long as it sees something of its field of view.
+/// Where the next packet comes later, at azimuths which the last turns measured throughout, the
+/// packets between were lost. A gap of more than a second is a pause or a clock that was set.
 class VelodyneDecoder {
  public:
   /// @throws InputError  an option is out of range, or the number of lasers is not the model's.
@@ -166,6 +174,8 @@ class VelodyneDecoder {
   void decode_block(const Packet& packet, std::size_t index, std::span<const std::byte> payload);
   void advance(std::uint32_t azimuth, const Packet& packet, bool is_first);
   [[nodiscard]] bool is_behind(std::uint32_t step, const Packet& packet) const;
+  void count_lost(const Packet& packet);
+  [[nodiscard]] bool was_measured(std::uint32_t from, std::uint32_t length) const;
   void add_point(const Laser& laser, std::uint8_t number, double azimuth, std::uint32_t raw_range,
                  std::uint8_t reflectivity, ReturnType type, double time);
   void begin_frame(const Packet& packet, bool at_cut);
@@ -183,6 +193,8 @@ class VelodyneDecoder {
   std::uint32_t cut_ = 0;
   std::optional<std::uint32_t> last_azimuth_;  // of the foremost block, 0.01 degrees
   double last_time_ = 0.0;                     // sensor time of that block's packet
+  double last_span_ = 0.0;  // time until the packet after that one, seconds; 0: unknown
+  std::array<std::int64_t, 360> measured_{};  // number of the last frame with a block, by degree
   std::uint32_t covered_ = 0;  // azimuths of the frame in progress without gaps, 0.01 degrees
   std::uint32_t field_ = 0;    // azimuths that earlier frames covered, 0.01 degrees
   bool is_open_ = false;
