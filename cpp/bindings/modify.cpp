@@ -3,8 +3,6 @@
 #include <pybind11/typing.h>
 
 #include <algorithm>
-#include <cmath>
-#include <limits>
 #include <optional>
 #include <string>
 #include <vector>
@@ -377,22 +375,17 @@ void bind_kernels(py::module_& m) {
         py::object keep;
         const PixelRays rays(to_intrinsics(camera, keep));
         const Skeleton person = to_skeleton(skeleton);
-        PersonPoints points;
-        const std::size_t size = view.rows * view.cols;
-        std::vector<std::uint8_t> labels(size);
-        std::vector<float> distances(size, std::numeric_limits<float>::infinity());
+        LabelImage image;
         {
           const py::gil_scoped_release nogil;
+          PersonPoints points;
           find_person(view, body_index ? body_index->data() : nullptr, person, rays, options,
                       points);
           segment_bones(body_bones(person, rule), points);
-          for (std::int64_t i = 0; i < points.count; ++i) {
-            const std::size_t pixel = points.pixel[i];
-            labels[pixel] = points.label[i];
-            distances[pixel] = std::sqrt(points.squared_distance[i]);
-          }
+          image = label_image(points);
         }
-        return py::make_tuple(to_numpy(std::move(labels)), to_numpy(std::move(distances)));
+        return py::make_tuple(to_numpy(std::move(image.labels)),
+                              to_numpy(std::move(image.distances)));
       },
       py::arg("depth"), py::arg("body_index").noconvert(), py::arg("camera"), py::arg("skeleton"),
       py::arg("options"), py::arg("rule"));

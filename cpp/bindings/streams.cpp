@@ -2,9 +2,7 @@
 #include <pybind11/stl.h>
 
 #include <algorithm>
-#include <cmath>
 #include <cstdint>
-#include <limits>
 #include <optional>
 #include <string>
 #include <utility>
@@ -15,6 +13,7 @@
 #include "manip3d/forge/composite.hpp"
 #include "manip3d/modify/animation.hpp"
 #include "manip3d/modify/region_growing.hpp"
+#include "manip3d/modify/segmentation.hpp"
 #include "manip3d/modify/speckles.hpp"
 #include "modules.hpp"
 #include "numpy.hpp"
@@ -34,23 +33,17 @@ py::typing::Tuple<Bytes, py::array_t<float>> segment_region(
   py::object keep;
   const Intrinsics intrinsics = to_intrinsics(camera, keep);
   const Skeleton person = to_skeleton(skeleton);
-  PersonPoints points;
-  const std::size_t size = view.rows * view.cols;
-  std::vector<std::uint8_t> labels(size);
-  std::vector<float> distances(size, std::numeric_limits<float>::infinity());
+  LabelImage image;
   {
     const py::gil_scoped_release nogil;
     const PixelRays rays(intrinsics);
     const std::uint8_t* index = body_index ? body_index->data() : nullptr;
+    PersonPoints points;
     find_person(view, index, person, rays, mask, points);
     grow_bones(person, intrinsics, index != nullptr && person.body != kNoBody, options, points);
-    for (std::int64_t i = 0; i < points.count; ++i) {
-      const std::size_t pixel = points.pixel[i];
-      labels[pixel] = points.label[i];
-      distances[pixel] = std::sqrt(points.squared_distance[i]);
-    }
+    image = label_image(points);
   }
-  return py::make_tuple(to_numpy(std::move(labels)), to_numpy(std::move(distances)));
+  return py::make_tuple(to_numpy(std::move(image.labels)), to_numpy(std::move(image.distances)));
 }
 
 /// Copies of depth and labels in which single missing pixels are filled.

@@ -316,4 +316,15 @@ void segment_bones(const BoneSegments& bones, PersonPoints& points) {
   }
 }
 
+LabelImage label_image(const PersonPoints& points) {
+  const auto size = static_cast<std::size_t>(points.rows * points.cols);
+  LabelImage image{std::vector<std::uint8_t>(size), std::vector<float>(size, kInfinityF)};
+  for (std::int64_t i = 0; i < points.count; ++i) {
+    const std::size_t pixel = points.pixel[i];
+    image.labels[pixel] = points.label[i];
+    image.distances[pixel] = std::sqrt(points.squared_distance[i]);
+  }
+  return image;
+}
+
 }  // namespace manip3d

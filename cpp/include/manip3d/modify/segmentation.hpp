@@ -63,4 +63,12 @@ void find_person(const DepthView& depth, const std::uint8_t* body_index, const S
 /// that cannot be nearest to any point of a tile are skipped.
 void segment_bones(const BoneSegments& bones, PersonPoints& points);
 
+/// The labels of a person's points as an image, in row-major order.
+struct LabelImage {
+  std::vector<std::uint8_t> labels;  ///< Nearest bone, 1 to 24; 0: none, or not the person.
+  std::vector<float> distances;  ///< Metres to the line of that bone; infinite if there is none.
+};
+
+LabelImage label_image(const PersonPoints& points);
+
 }  // namespace manip3d
