@@ -20,6 +20,10 @@ constexpr float kKeptGain = 0.5F;
 // Ticks are frequent, because a triangle of a sparse mesh has thousands of pixels.
 constexpr std::uint32_t kFacesPerTick = 16;
 
+// A flip leaves less than this share of the error. The rest prevents flips back and forth due to
+// rounding.
+constexpr float kGain = 0.999F;
+
 struct SurfaceCorner {
   std::int32_t u, v;
   Vec3 point;
@@ -212,6 +216,28 @@ bool EdgeMemory::has(const Surface& surface, const Triangulation& mesh, std::int
   return std::binary_search(edges_.begin(), edges_.end(), std::min(m, n) << 32 | std::max(m, n));
 }
 
+namespace {
+
+/// The flip of an edge that is not on the boundary.
+struct Flip {
+  std::array<std::int32_t, 4> quad{};  ///< As Triangulation::quad() returns it.
+  bool returns = false;                ///< The new edge is one of the previous frame.
+  float gain = kGain;                  ///< Share of the error that the flip must go below.
+};
+
+/// Finds the flip of a triangle's edge; returns false if the quadrilateral around it has none.
+bool find_flip(const Surface& surface, const Triangulation& mesh, const EdgeMemory& before,
+               std::int32_t t, int i, Flip& flip) {
+  const auto& q = flip.quad;
+  if (!mesh.quad(t, i, flip.quad)) return false;
+  const bool was = before.has(surface, mesh, q[1], q[2]);
+  flip.returns = !was && before.has(surface, mesh, q[0], q[3]);
+  flip.gain = was ? kGain * kKeptGain : flip.returns ? kGain / kKeptGain : kGain;
+  return true;
+}
+
+}  // namespace
+
 void Refiner::assign(const Triangulation& mesh) {
   make_room(errors_, mesh.num_face_slots());
   for (auto* marks : {&dirty_, &next_dirty_}) make_room(*marks, mesh.num_face_slots());
@@ -243,8 +269,8 @@ float Refiner::mean_error(const Surface& surface, const Triangulation& mesh) {
 int Refiner::flip_edges(const Surface& surface, Triangulation& mesh, int sweeps, float floor,
                         const EdgeMemory& before, const Progress& progress) {
   Ticker ticker(progress, kFacesPerTick);
-  constexpr float kGain = 0.999F;  // prevents flips back and forth due to rounding
   const float negligible = floor > 0.0F ? floor * mean_error(surface, mesh) : 0.0F;
+  Flip flip;
   int total = 0;
   for (int sweep = 0; sweep < sweeps; ++sweep) {
     int flips = 0;
@@ -257,13 +283,10 @@ int Refiner::flip_edges(const Surface& surface, Triangulation& mesh, int sweeps,
         if (o == Triangulation::kNone || (dirty_[t] == 0 && dirty_[o] == 0)) continue;
         if (o < t && dirty_[o] != 0 && next_dirty_[o] == 0 && next_dirty_[t] == 0)
           continue;  // the pair is tested from the other triangle
-        std::array<std::int32_t, 4> q{};
-        if (!mesh.quad(t, i, q)) continue;
-        const bool was = before.has(surface, mesh, q[1], q[2]);
-        const bool returns = !was && before.has(surface, mesh, q[0], q[3]);
-        const float gain = was ? kGain * kKeptGain : returns ? kGain / kKeptGain : kGain;
-        const float limit = gain * (error_of(surface, mesh, t) + error_of(surface, mesh, o));
-        if (!(limit > 0.0F) || (limit < negligible && !returns)) continue;
+        if (!find_flip(surface, mesh, before, t, i, flip)) continue;
+        const float limit = flip.gain * (error_of(surface, mesh, t) + error_of(surface, mesh, o));
+        if (!(limit > 0.0F) || (limit < negligible && !flip.returns)) continue;
+        const auto& q = flip.quad;
         const float first = triangle_error(surface, mesh, q[0], q[1], q[3]);
         if (!(first < limit)) continue;
         const float second = triangle_error(surface, mesh, q[0], q[3], q[2]);
@@ -295,8 +318,8 @@ void Refiner::flip_unsure(const Surface& surface, Triangulation& mesh, const Edg
 void Refiner::flip_sampled(const Surface& surface, Triangulation& mesh, int sweeps, float floor,
                            const EdgeMemory& before, const Progress& progress) {
   Ticker ticker(progress, kFacesPerTick);
-  constexpr float kGain = 0.999F;  // as in flip_edges()
   const float negligible = floor * mean_volume(mesh);
+  Flip flip;
   auto* sampled = &sampled_errors;
 #ifdef MANIP3D_AVX2
   if (has_avx2()) sampled = &sampled_errors_wide;
@@ -311,14 +334,10 @@ void Refiner::flip_sampled(const Surface& surface, Triangulation& mesh, int swee
         const std::int32_t o = mesh.neighbors(t)[i];
         // No neighbour, or tested from the other triangle.
         if (o < t || (dirty_[t] == 0 && dirty_[o] == 0)) continue;
-        std::array<std::int32_t, 4> q{};
-        if (!mesh.quad(t, i, q)) continue;
-        const bool was = before.has(surface, mesh, q[1], q[2]);
-        const bool returns = !was && before.has(surface, mesh, q[0], q[3]);
-        if (!returns && !(volume_between(mesh, q) > negligible)) continue;
-        const float gain = was ? kGain * kKeptGain : returns ? kGain / kKeptGain : kGain;
-        const DiagonalErrors errors = sampled(surface, mesh, q);
-        if (!(errors.flipped < gain * errors.now)) continue;
+        if (!find_flip(surface, mesh, before, t, i, flip)) continue;
+        if (!flip.returns && !(volume_between(mesh, flip.quad) > negligible)) continue;
+        const DiagonalErrors errors = sampled(surface, mesh, flip.quad);
+        if (!(errors.flipped < flip.gain * errors.now)) continue;
         mesh.flip(t, i);
         next_dirty_[t] = next_dirty_[o] = 1;
         flipped = true;
