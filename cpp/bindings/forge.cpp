@@ -66,9 +66,7 @@ ForgedTuple forged_by(const Attack& attack) {
   return to_python(std::move(forged));
 }
 
-}  // namespace
-
-void bind_forge(py::module_& m) {
+void bind_selection(py::module_& m) {
   m.def("rotation_about_z", &rotation_about_z, py::arg("yaw"));
   m.def(
       "points_in_box",
@@ -82,6 +80,9 @@ void bind_forge(py::module_& m) {
         return to_numpy(std::move(rows));
       },
       py::arg("points").noconvert(), py::arg("box"), py::arg("threads"));
+}
+
+void bind_pasting(py::module_& m) {
   m.def(
       "copy_transform_paste",
       [](const CArray<float>& points, const CArray<float>& intensity, const CArray<float>& object,
@@ -123,6 +124,9 @@ void bind_forge(py::module_& m) {
         return local_spacing(scene, position, radius, threads, interruptible());
       },
       py::arg("points").noconvert(), py::arg("position"), py::arg("radius"), py::arg("threads"));
+}
+
+void bind_changes(py::module_& m) {
   m.def(
       "subtract",
       [](const CArray<float>& points, const CArray<float>& intensity, const Box& box, int threads) {
@@ -174,6 +178,9 @@ void bind_forge(py::module_& m) {
       },
       py::arg("points").noconvert(), py::arg("intensity").noconvert(), py::arg("box"),
       py::arg("transform"), py::arg("threads"));
+}
+
+void bind_insertion(py::module_& m) {
   m.def(
       "insert_occluding",
       [](const CArray<float>& points, const CArray<float>& intensity, const CArray<float>& object,
@@ -215,6 +222,9 @@ void bind_forge(py::module_& m) {
       py::arg("snapped").noconvert(), py::arg("rings"), py::arg("azimuth_step"),
       py::arg("azimuth_phase"), py::arg("along_ray"), py::arg("azimuth"), py::arg("max_move"),
       py::arg("threads"));
+}
+
+void bind_segmentation(py::module_& m) {
   m.def(
       "segment_objects",
       [](const CArray<float>& points, const Eigen::Vector3d& origin, double max_range,
@@ -236,6 +246,16 @@ void bind_forge(py::module_& m) {
       py::arg("points").noconvert(), py::arg("origin"), py::arg("max_range"),
       py::arg("ground_height"), py::arg("ground_slope"), py::arg("tolerance"),
       py::arg("min_points"), py::arg("max_size"));
+}
+
+}  // namespace
+
+void bind_forge(py::module_& m) {
+  bind_selection(m);
+  bind_pasting(m);
+  bind_changes(m);
+  bind_insertion(m);
+  bind_segmentation(m);
 }
 
 }  // namespace manip3d::bindings

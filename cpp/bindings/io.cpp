@@ -224,9 +224,7 @@ SceneLevel borrow_level(const Level& meshes, Borrowed& keep) {
   return level;
 }
 
-}  // namespace
-
-void bind_io(py::module_& m) {
+void bind_scenes(py::module_& m) {
   m.def(
       "read_scene",
       [](const py::bytes& path, bool allow_outside, std::uint64_t max_bytes, const PyDraco& draco,
@@ -263,6 +261,9 @@ void bind_io(py::module_& m) {
       },
       py::arg("path"), py::arg("document"), py::arg("buffer"), py::arg("levels"),
       py::arg("max_vertices"), py::arg("coverages"), py::arg("quantize"), py::arg("hash_names"));
+}
+
+void bind_mesh_readers(py::module_& m) {
   m.def(
       "read_mesh",
       [](const py::bytes& path, bool allow_outside, std::uint64_t max_bytes, const PyDraco& draco,
@@ -297,6 +298,9 @@ void bind_io(py::module_& m) {
       },
       py::arg("data"), py::arg("suffix"), py::arg("max_bytes"), py::arg("draco"),
       py::arg("progress") = py::none());
+}
+
+void bind_mesh_writer(py::module_& m) {
   m.def(
       "write_mesh",
       [](const PyMesh& mesh, const py::bytes& path, const py::bytes& texture_folder,
@@ -326,6 +330,9 @@ void bind_io(py::module_& m) {
       },
       py::arg("mesh"), py::arg("path"), py::arg("texture_folder"), py::arg("max_vertices"),
       py::arg("quantize"), py::arg("coarser"), py::arg("coverages"), py::arg("hash_names"));
+}
+
+void bind_range_grid(py::module_& m) {
   m.def(
       "read_range_grid",
       [](const py::bytes& path, std::uint64_t max_bytes, const PyProgress& progress) {
@@ -341,6 +348,9 @@ void bind_io(py::module_& m) {
                               to_numpy(std::move(grid.points)), to_numpy(std::move(grid.colors)));
       },
       py::arg("path"), py::arg("max_bytes"), py::arg("progress") = py::none());
+}
+
+void bind_places(py::module_& m) {
   m.def(
       "resolve_inside",
       [](const py::bytes& folder, const py::bytes& reference) {
@@ -367,6 +377,9 @@ void bind_io(py::module_& m) {
         replace_folder(to_path(made, "made"), to_path(target, "target"));
       },
       py::arg("made"), py::arg("target"));
+}
+
+void bind_surfaces(py::module_& m) {
   m.def("linear_color", &linear_color, py::arg("rgb"));
   m.def(
       "surface_colors",
@@ -394,6 +407,17 @@ void bind_io(py::module_& m) {
       },
       py::arg("vertices").noconvert(), py::arg("corners").noconvert(),
       py::arg("counts").noconvert());
+}
+
+}  // namespace
+
+void bind_io(py::module_& m) {
+  bind_scenes(m);
+  bind_mesh_readers(m);
+  bind_mesh_writer(m);
+  bind_range_grid(m);
+  bind_places(m);
+  bind_surfaces(m);
   m.def("readable_suffixes", [] { return to_list(readable_suffixes()); });
   m.def("writable_suffixes", [] { return to_list(writable_suffixes()); });
 }

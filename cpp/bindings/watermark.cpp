@@ -202,9 +202,37 @@ std::span<const std::uint8_t> values_of(const CArray<std::uint8_t>& array) {
   return {array.data(), static_cast<std::size_t>(array.size())};
 }
 
-}  // namespace
+std::unique_ptr<Embedder> make_embedder(Key& key, const py::bytes& sensor,
+                                        const std::optional<py::bytes>& session, int embedding,
+                                        int slices, int least_points, bool paper_merge, bool round,
+                                        std::uint32_t units_per_m,
+                                        const std::optional<py::bytes>& after) {
+  const WatermarkId id = fixed<16>(sensor, "sensor");
+  const WatermarkOptions options =
+      to_options(embedding, slices, least_points, paper_merge, round, units_per_m);
+  return key.with([&](const WatermarkKey& open) {
+    if (after) {
+      return std::make_unique<Embedder>(
+          WatermarkEmbedder::after(from_bytes(*after), open, id, options));
+    }
+    return session ? std::make_unique<Embedder>(
+                         WatermarkEmbedder(open, id, fixed<16>(*session, "session"), options))
+                   : std::make_unique<Embedder>(WatermarkEmbedder(open, id, options));
+  });
+}
 
-void bind_watermark(py::module_& m) {
+std::unique_ptr<Verifier> make_verifier(Key& key) {
+  return key.with(
+      [](const WatermarkKey& open) { return std::make_unique<Verifier>(WatermarkVerifier(open)); });
+}
+
+void add_older_key(Verifier& self, Key& key, std::int64_t replaced_ns) {
+  key.with([&](const WatermarkKey& open) {
+    self.with([&](WatermarkVerifier& verifier) { verifier.add_older_key(open, replaced_ns); });
+  });
+}
+
+void bind_key(py::module_& m) {
   py::class_<Key>(m, "WatermarkKey")
       .def(py::init([](const py::bytes& path) {
              return std::make_unique<Key>(WatermarkKey(to_path(path, "path")));
@@ -223,27 +251,13 @@ void bind_watermark(py::module_& m) {
           "is_open",
           [](Key& self) { return self.with([](WatermarkKey& key) { return key.is_open(); }); })
       .def("close", exclusively(&WatermarkKey::close));
+}
 
+void bind_embedder(py::module_& m) {
   py::class_<Embedder>(m, "WatermarkEmbedder")
-      .def(py::init([](Key& key, const py::bytes& sensor, const std::optional<py::bytes>& session,
-                       int embedding, int slices, int least_points, bool paper_merge, bool round,
-                       std::uint32_t units_per_m, const std::optional<py::bytes>& after) {
-             const WatermarkId id = fixed<16>(sensor, "sensor");
-             const WatermarkOptions options =
-                 to_options(embedding, slices, least_points, paper_merge, round, units_per_m);
-             return key.with([&](const WatermarkKey& open) {
-               if (after) {
-                 return std::make_unique<Embedder>(
-                     WatermarkEmbedder::after(from_bytes(*after), open, id, options));
-               }
-               return session ? std::make_unique<Embedder>(WatermarkEmbedder(
-                                    open, id, fixed<16>(*session, "session"), options))
-                              : std::make_unique<Embedder>(WatermarkEmbedder(open, id, options));
-             });
-           }),
-           py::arg("key"), py::arg("sensor"), py::arg("session"), py::arg("embedding"),
-           py::arg("slices"), py::arg("least_points"), py::arg("paper_merge"), py::arg("round"),
-           py::arg("units_per_m") = 1000, py::arg("after") = py::none())
+      .def(py::init(&make_embedder), py::arg("key"), py::arg("sensor"), py::arg("session"),
+           py::arg("embedding"), py::arg("slices"), py::arg("least_points"), py::arg("paper_merge"),
+           py::arg("round"), py::arg("units_per_m") = 1000, py::arg("after") = py::none())
       .def("embed", &embed, py::arg("points").noconvert(), py::arg("intensity").noconvert(),
            py::arg("time_ns"), py::arg("num_dropped"), py::arg("is_end"), py::arg("context"),
            py::arg("exact").noconvert() = py::none(),
@@ -256,28 +270,17 @@ void bind_watermark(py::module_& m) {
                                });
                              })
       .def("close", exclusively(&WatermarkEmbedder::close));
+}
 
+void bind_verifier(py::module_& m) {
   py::class_<WatermarkPolicy>(m, "WatermarkPolicy")
       .def(py::init(&to_policy), py::arg("embeddings"), py::arg("carriers"), py::arg("sensors"),
            py::arg("sessions"), py::arg("max_points"), py::arg("any_order"), py::arg("max_age_ns"),
            py::arg("context"), py::arg("units_per_m") = std::vector<std::uint32_t>{});
 
   py::class_<Verifier>(m, "WatermarkVerifier")
-      .def(py::init([](Key& key) {
-             return key.with([](const WatermarkKey& open) {
-               return std::make_unique<Verifier>(WatermarkVerifier(open));
-             });
-           }),
-           py::arg("key"))
-      .def(
-          "add_older_key",
-          [](Verifier& self, Key& key, std::int64_t replaced_ns) {
-            key.with([&](const WatermarkKey& open) {
-              self.with(
-                  [&](WatermarkVerifier& verifier) { verifier.add_older_key(open, replaced_ns); });
-            });
-          },
-          py::arg("key"), py::arg("replaced_ns"))
+      .def(py::init(&make_verifier), py::arg("key"))
+      .def("add_older_key", &add_older_key, py::arg("key"), py::arg("replaced_ns"))
       .def("verify", &verify, py::arg("points").noconvert(), py::arg("intensity").noconvert(),
            py::arg("record"), py::arg("policy"), py::arg("num_dropped"), py::arg("now_ns"),
            py::arg("exact").noconvert() = py::none(), py::arg("picture").noconvert() = py::none())
@@ -294,7 +297,9 @@ void bind_watermark(py::module_& m) {
           py::arg("state"))
       .def("reset", exclusively(&WatermarkVerifier::reset))
       .def("close", exclusively(&WatermarkVerifier::close));
+}
 
+void bind_paper(py::module_& m) {
   py::class_<PaperOptions>(m, "PaperSettings")
       .def(py::init(&to_paper_options), py::arg("embedding"), py::arg("slices"),
            py::arg("block_bits"), py::arg("paper_merge"), py::arg("key_2"), py::arg("frame"));
@@ -333,6 +338,9 @@ void bind_watermark(py::module_& m) {
       },
       py::arg("points").noconvert(), py::arg("intensity").noconvert(),
       py::arg("blocks").noconvert(), py::arg("tile_of"), py::arg("counts"), py::arg("options"));
+}
+
+void bind_order_and_pictures(py::module_& m) {
   m.def(
       "watermark_order",
       [](const CArray<float>& points, const CArray<float>& intensity, int embedding, int slices,
@@ -360,6 +368,16 @@ void bind_watermark(py::module_& m) {
         return to_numpy(without_record(*picture_view(picture)));
       },
       py::arg("picture").noconvert());
+}
+
+}  // namespace
+
+void bind_watermark(py::module_& m) {
+  bind_key(m);
+  bind_embedder(m);
+  bind_verifier(m);
+  bind_paper(m);
+  bind_order_and_pictures(m);
 }
 
 }  // namespace manip3d::bindings
