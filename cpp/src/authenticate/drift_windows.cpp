@@ -13,6 +13,8 @@ namespace {
 // Windows reach this many rows of cells and columns to each side.
 constexpr int kDriftRows = 1;
 constexpr int kDriftColumns = 2;
+// Fewer points do not tell the mean of a window, and fewer windows not the spread of all, which is
+// the unit of the deviations.
 constexpr std::int32_t kMinDrifting = 8;
 constexpr std::size_t kMinDriftWindows = 1000;
 // 1 / sqrt(12): standard deviation of a uniform distribution of width 1

@@ -72,6 +72,9 @@ std::vector<char> lzf_decompress(std::span<const char> packed, std::size_t size,
 
 std::vector<char> lzf_compress(std::span<const char> data) {
   constexpr std::size_t kBits = 14;
+  // The largest prime below 2^32 divided by the golden ratio: its multiples spread similar words
+  // [Knuth, The Art of Computer Programming, vol. 3, section 6.4].
+  constexpr std::size_t kSpread = 2654435761U;
   // place + 1 of the latest occurrence of each hash
   std::vector<std::size_t> last(std::size_t{1} << kBits, 0);
   std::vector<char> packed;
@@ -79,7 +82,7 @@ std::vector<char> lzf_compress(std::span<const char> data) {
   std::size_t at = 0;
   while (at + kShortestCopy <= data.size()) {
     const std::size_t word = byte(data[at]) << 16 | byte(data[at + 1]) << 8 | byte(data[at + 2]);
-    std::size_t& place = last[(word * 2654435761U >> 8) & ((std::size_t{1} << kBits) - 1)];
+    std::size_t& place = last[(word * kSpread >> 8) & ((std::size_t{1} << kBits) - 1)];
     const std::size_t found = place;
     place = at + 1;
     std::size_t length = 0;

@@ -341,7 +341,7 @@ std::vector<std::uint8_t> shattered_vertices(const FastMesh& mesh) {
 ///                   planes.
 void add_borders(FastMesh& mesh, const BorderWeights& weights,
                  std::span<const std::uint8_t> shattered, std::int32_t v) {
-  constexpr float kLeastShare = 1e-3F;
+  constexpr float kLeastShare = 1e-3F;  // so small that meshes without tiny holes keep their bits
   const std::vector<Spoke> spokes = spokes_of(mesh, v);
   float longest = 0.0F;  // squared
   for (const Spoke& spoke : spokes) {
