@@ -131,9 +131,9 @@ struct VelodyneFrame {
 /// Decodes packets into frames. Safe for any bytes: a packet is either decoded, to exactly the
 /// points that it contains, or refused and counted.
 ///
-/// A scanner sends packets one after the other as long as it sees something of its field of view.
-/// Where the next packet comes later, at azimuths which the last turns measured throughout, the
-/// packets between were lost. A gap of more than a second is a pause or a clock that was set.
+/// A scanner sends packets at a fixed rate within its field of view. If a packet comes later, and
+/// earlier turns measured all azimuths in between, packets were lost. A gap of more than a second
+/// is a pause, or the scanner's clock was set; no packets are counted for it.
 class VelodyneDecoder {
  public:
   /// @throws InputError  an option is out of range, or the number of lasers is not the model's.
