@@ -131,7 +131,7 @@ pytest: setup ctest
 LINTERS := lint-types lint-cpp lint-python lint-viewer lint-layers lint-stubs
 .PHONY: $(LINTERS)
 
-lint: setup ## Check format, ruff, mypy, TypeScript, the layers of the package and the type stubs of the core
+lint: setup ## Check format, ruff, mypy, TypeScript, the layers of the package and of the core, and its type stubs
 	@$(MAKE) --no-print-directory -j "$$(nproc)" --output-sync $(LINTERS)
 
 lint-types:
@@ -145,6 +145,7 @@ lint-viewer:
 	PATH="$$PATH:$(CURDIR)/$(BIN)" npm --prefix $(VIEWER) run --silent check
 lint-layers:
 	$(BIN)/lint-imports
+	$(BIN)/python .ci/cpp_layers.py
 lint-stubs:
 	$(BIN)/python .ci/stubs.py --check
 

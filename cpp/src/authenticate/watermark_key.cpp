@@ -14,8 +14,8 @@
 
 #include "authenticate/little_endian.hpp"
 #include "manip3d/error.hpp"
-#include "manip3d/io/descriptor.hpp"
-#include "manip3d/io/temporary.hpp"
+#include "manip3d/files/descriptor.hpp"
+#include "manip3d/files/temporary.hpp"
 
 namespace manip3d {
 namespace fs = std::filesystem;

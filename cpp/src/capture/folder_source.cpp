@@ -15,7 +15,7 @@
 #include "manip3d/capture/folder.hpp"
 #include "manip3d/capture/grab_thread.hpp"
 #include "manip3d/error.hpp"
-#include "manip3d/io/byte_source.hpp"
+#include "manip3d/files/byte_source.hpp"
 #include "parse/input_buffer.hpp"
 #include "parse/letters.hpp"
 

@@ -13,7 +13,7 @@
 #include "capture/jpeg.hpp"
 #include "capture/recording_lock.hpp"
 #include "manip3d/capture/mkv_codec.hpp"
-#include "manip3d/io/descriptor.hpp"
+#include "manip3d/files/descriptor.hpp"
 
 /// @file
 /// Matroska files through the codec library, with what the library leaves to its callers: exact

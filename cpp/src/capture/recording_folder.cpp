@@ -11,7 +11,7 @@
 #include "capture/image_frames.hpp"
 #include "capture/rgbd_json.hpp"
 #include "manip3d/error.hpp"
-#include "manip3d/io/atomic_file.hpp"
+#include "manip3d/files/atomic_file.hpp"
 
 namespace manip3d {
 namespace {

@@ -2,7 +2,7 @@
 
 #include <filesystem>
 
-#include "manip3d/io/descriptor.hpp"
+#include "manip3d/files/descriptor.hpp"
 
 namespace manip3d {
 

@@ -4,7 +4,7 @@
 #include <string>
 
 #include "manip3d/error.hpp"
-#include "manip3d/io/byte_source.hpp"
+#include "manip3d/files/byte_source.hpp"
 
 namespace manip3d {
 

@@ -7,7 +7,7 @@
 #include <vector>
 
 #include "io/output.hpp"
-#include "manip3d/io/byte_source.hpp"
+#include "manip3d/files/byte_source.hpp"
 #include "manip3d/io/mesh_file.hpp"
 #include "manip3d/io/scene_file.hpp"
 

@@ -11,8 +11,8 @@
 #include <utility>
 #include <vector>
 
-#include "manip3d/io/atomic_file.hpp"
-#include "manip3d/io/byte_source.hpp"
+#include "manip3d/files/atomic_file.hpp"
+#include "manip3d/files/byte_source.hpp"
 #include "manip3d/progress.hpp"
 
 namespace manip3d {

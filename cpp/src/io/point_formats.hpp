@@ -1,7 +1,7 @@
 #pragma once
 
 #include "io/output.hpp"
-#include "manip3d/io/byte_source.hpp"
+#include "manip3d/files/byte_source.hpp"
 #include "manip3d/io/point_file.hpp"
 
 /// @file

@@ -8,7 +8,7 @@
 #include <vector>
 
 #include "io/formats.hpp"
-#include "manip3d/io/atomic_file.hpp"
+#include "manip3d/files/atomic_file.hpp"
 
 namespace manip3d {
 

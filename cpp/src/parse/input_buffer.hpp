@@ -7,7 +7,7 @@
 #include <vector>
 
 #include "manip3d/error.hpp"
-#include "manip3d/io/byte_source.hpp"
+#include "manip3d/files/byte_source.hpp"
 #include "manip3d/progress.hpp"
 
 namespace manip3d {

@@ -9,7 +9,7 @@
 #include <string>
 #include <vector>
 
-#include "manip3d/io/byte_source.hpp"
+#include "manip3d/files/byte_source.hpp"
 
 /// @file
 /// UDP payloads from recordings of network traffic. libpcap is not used: it would add eight shared

@@ -10,7 +10,7 @@
 #include <thread>
 #include <vector>
 
-#include "manip3d/io/descriptor.hpp"
+#include "manip3d/files/descriptor.hpp"
 
 /// @file
 /// UDP packets, received by a thread of their own.

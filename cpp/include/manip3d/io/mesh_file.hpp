@@ -11,8 +11,8 @@
 #include <string_view>
 #include <vector>
 
+#include "manip3d/files/byte_source.hpp"
 #include "manip3d/geometry/mesh.hpp"
-#include "manip3d/io/byte_source.hpp"
 #include "manip3d/progress.hpp"
 
 /// @file

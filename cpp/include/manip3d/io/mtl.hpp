@@ -3,8 +3,8 @@
 #include <string>
 #include <vector>
 
+#include "manip3d/files/byte_source.hpp"
 #include "manip3d/geometry/mesh.hpp"
-#include "manip3d/io/byte_source.hpp"
 
 namespace manip3d {
 

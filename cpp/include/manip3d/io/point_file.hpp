@@ -8,7 +8,7 @@
 #include <utility>
 #include <vector>
 
-#include "manip3d/io/byte_source.hpp"
+#include "manip3d/files/byte_source.hpp"
 #include "manip3d/progress.hpp"
 
 /// @file

@@ -1,4 +1,4 @@
-#include "manip3d/io/byte_source.hpp"
+#include "manip3d/files/byte_source.hpp"
 
 #include <fcntl.h>
 #include <lzma.h>
@@ -15,7 +15,7 @@
 #include <vector>
 
 #include "manip3d/error.hpp"
-#include "manip3d/io/descriptor.hpp"
+#include "manip3d/files/descriptor.hpp"
 
 namespace manip3d {
 namespace fs = std::filesystem;

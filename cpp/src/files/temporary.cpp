@@ -1,4 +1,4 @@
-#include "manip3d/io/temporary.hpp"
+#include "manip3d/files/temporary.hpp"
 
 #include <fcntl.h>
 #include <sys/file.h>

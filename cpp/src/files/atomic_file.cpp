@@ -1,4 +1,4 @@
-#include "manip3d/io/atomic_file.hpp"
+#include "manip3d/files/atomic_file.hpp"
 
 #include <fcntl.h>
 #include <sys/stat.h>
@@ -9,8 +9,8 @@
 #include <system_error>
 #include <utility>
 
-#include "manip3d/io/byte_source.hpp"
-#include "manip3d/io/temporary.hpp"
+#include "manip3d/files/byte_source.hpp"
+#include "manip3d/files/temporary.hpp"
 
 namespace manip3d {
 namespace fs = std::filesystem;

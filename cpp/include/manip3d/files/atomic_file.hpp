@@ -3,7 +3,7 @@
 #include <cstddef>
 #include <filesystem>
 
-#include "manip3d/io/descriptor.hpp"
+#include "manip3d/files/descriptor.hpp"
 
 /// @file
 /// Files that are written completely or not at all.

@@ -3,7 +3,7 @@
 #include <cstdint>
 #include <filesystem>
 
-#include "manip3d/io/descriptor.hpp"
+#include "manip3d/files/descriptor.hpp"
 
 /// @file
 /// Temporary files beside a target, which are removed later even if their writer is killed.
