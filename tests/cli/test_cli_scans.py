@@ -17,7 +17,7 @@ from command_line import manip3d
 from manip3d import Intrinsics, LidarFrame, RgbdCalibration, RgbdFrame, capture, simulate
 from manip3d.datasets import open_kitti
 from manip3d.io import read_range_grid, read_scan
-from velodyne_packets import block, ethernet, packet, pcap, udp_frame
+from velodyne_packets import block, ethernet, packet, pcap, seen_turns, udp_frame
 
 ALONE = ("--jobs", 1)
 """Without processes for several files, each of which takes longer to start than the files."""
@@ -126,6 +126,20 @@ def test_info_of_a_recording(tmp_path: Path) -> None:
     assert told["counters"]["bad_length"] == 1
     assert told["counters"]["points"] == sum(s["points"] for s in told["scans"])
     assert "bad length 1" in run("info", f"pcap:{path}")
+
+
+def test_lost_packets_are_told(tmp_path: Path) -> None:
+    packets = seen_turns(0, 360)
+    path = tmp_path / "a.pcap"
+    path.write_bytes(pcap(ethernet(udp_frame(each)) for each in packets))
+    done = manip3d("convert", path, "-o", tmp_path / "whole")
+    assert (done.returncode, "loss" in done.stderr) == (0, False), done.stderr
+    del packets[300]
+    path.write_bytes(pcap(ethernet(udp_frame(each)) for each in packets))
+    done = manip3d("convert", path, "-o", tmp_path / "cut")
+    assert done.returncode == 0, done.stderr
+    assert f"pcap:{path}: scans have gaps by the loss of 1 packet\n" in done.stderr
+    assert "lost packets 1" in run("info", path)
 
 
 def test_ply_with_faces_is_a_mesh(tmp_path: Path) -> None:

@@ -68,8 +68,7 @@ def frames(
             yield from (frame for frame in read if frame is not None)
             refused = {k: v for k, v in recording.counters.items() if v and k in _REFUSED}
             if lost := recording.counters.get("lost_packets", 0):
-                missing = counted(lost, "packet")
-                terminal.warn(f"{uri}: {missing} were lost, so that scans have gaps")
+                terminal.warn(f"{uri}: scans have gaps by the loss of {counted(lost, 'packet')}")
             if (damage := _damage(recording)) is not None:
                 raise damage
         terminal.say(f"refused: {refused}" if refused else "nothing was refused")
