@@ -220,7 +220,7 @@ namespace {
 
 /// The flip of an edge that is not on the boundary.
 struct Flip {
-  std::array<std::int32_t, 4> quad{};  ///< As Triangulation::quad() returns it.
+  std::array<std::int32_t, 4> quad{};  ///< Result of Triangulation::quad().
   bool returns = false;                ///< The new edge is one of the previous frame.
   float gain = kGain;                  ///< Share of the error that the flip must go below.
 };
