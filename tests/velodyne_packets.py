@@ -57,8 +57,9 @@ def udp6_frame(payload: bytes, *, port: int = 2368, sender: str = "::") -> bytes
     return header + struct.pack(">HHHH", 1, port, length, 0) + payload
 
 
-def ethernet(ip: bytes, *, tags: int = 0, kind: int = 0x0800) -> bytes:
-    vlan = b"".join(struct.pack(">HH", 0x8100, 5) for _ in range(tags))
+def ethernet(ip: bytes, *, tags: Sequence[int] = (), kind: int = 0x0800) -> bytes:
+    """Return an Ethernet frame with VLAN tags of these types."""
+    vlan = b"".join(struct.pack(">HH", tag, 5) for tag in tags)
     return bytes(12) + vlan + struct.pack(">H", kind) + ip
 
 

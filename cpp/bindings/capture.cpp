@@ -74,6 +74,7 @@ Counts to_counts(const VelodyneCounters& c) {
   fields["backward_azimuth"] = c.backward_azimuth;
   fields["lost_packets"] = c.lost_packets;
   fields["no_return"] = c.no_return;
+  fields["repeated_packets"] = c.repeated_packets;
   fields["duplicates"] = c.duplicates;
   fields["out_of_range"] = c.out_of_range;
   fields["points"] = c.points;

@@ -38,13 +38,18 @@ def read(
     return times, source.counters
 
 
+def arrived(counters: dict[str, int]) -> int:
+    """Return the number of packets that reached the decoder, most of which repeat `PAYLOAD`."""
+    return counters["packets"] + counters["repeated_packets"]
+
+
 @pytest.mark.parametrize("order", ["<", ">"])
 @pytest.mark.parametrize("nanoseconds", [False, True])
 def test_byte_orders_and_clocks(tmp_path: Path, order: str, nanoseconds: bool) -> None:
     data = pcap([ethernet(UDP)] * 3, order=order, nanoseconds=nanoseconds, start=1234.75)
     times, counters = read(tmp_path, data)
     assert times == [1_234_750_000_000]
-    assert counters["points"] == 3 * 384
+    assert arrived(counters) == 3
     assert counters["file_udp"] == 3
 
 
@@ -52,8 +57,10 @@ def test_byte_orders_and_clocks(tmp_path: Path, order: str, nanoseconds: bool) -
     ("link", "frame"),
     [
         (1, ethernet(UDP)),
-        (1, ethernet(UDP, tags=1)),
-        (1, ethernet(UDP, tags=2)),
+        (1, ethernet(UDP, tags=(0x8100,))),
+        (1, ethernet(UDP, tags=(0x8100, 0x8100))),
+        (1, ethernet(UDP, tags=(0x88A8, 0x8100))),
+        (1, ethernet(UDP, tags=(0x9100, 0x8100))),
         (1, ethernet(udp6_frame(PAYLOAD), kind=0x86DD)),
         (1, ethernet(UDP) + b"trailer"),
         (0, struct.pack("<I", 2) + UDP),
@@ -69,7 +76,7 @@ def test_byte_orders_and_clocks(tmp_path: Path, order: str, nanoseconds: bool) -
 def test_link_types(tmp_path: Path, link: int, frame: bytes, kind: str) -> None:
     make = pcap if kind == "pcap" else pcapng
     _, counters = read(tmp_path, make([frame] * 2, link=link))
-    assert (counters["points"], counters["file_packets"]) == (768, 2)
+    assert (arrived(counters), counters["file_packets"]) == (2, 2)
 
 
 @pytest.mark.parametrize("order", ["<", ">"])
@@ -82,7 +89,7 @@ def test_pcapng_clocks(tmp_path: Path, order: str, tick: int) -> None:
     per_second = 2 ** (tick - 128) if tick >= 128 else 10**tick
     ticks = int(start * per_second)
     assert times == [round(Fraction(ticks * 10**9, per_second))]
-    assert counters["points"] == 768
+    assert arrived(counters) == 2
 
 
 @pytest.mark.parametrize("tick", [20, 127, 128 + 64, 255])
@@ -95,7 +102,7 @@ def test_simple_blocks_have_no_time(tmp_path: Path, order: str) -> None:
     data = pcapng([ethernet(UDP)] * 2, order=order, simple=True)
     times, counters = read(tmp_path, data)
     assert times == [None]
-    assert counters["points"] == 768
+    assert arrived(counters) == 2
     done = manip3d("convert", tmp_path / "p.pcap", "-o", tmp_path / "drive")
     assert done.returncode == 0
     assert [p.name for p in (tmp_path / "drive").iterdir()] == ["velodyne"]
@@ -103,7 +110,7 @@ def test_simple_blocks_have_no_time(tmp_path: Path, order: str) -> None:
 
 def test_compressed_recordings(tmp_path: Path) -> None:
     _, counters = read(tmp_path, lzma.compress(pcap([ethernet(UDP)] * 5)), "p.pcap.xz")
-    assert counters["points"] == 5 * 384
+    assert arrived(counters) == 5
 
 
 @pytest.mark.parametrize(
@@ -126,7 +133,7 @@ def test_compressed_recordings(tmp_path: Path) -> None:
 def test_other_traffic_is_counted(tmp_path: Path, frame: bytes, counter: str) -> None:
     _, counters = read(tmp_path, pcap([ethernet(UDP), frame, ethernet(UDP)]))
     assert counters[counter] == 1
-    assert (counters["file_packets"], counters["file_udp"], counters["points"]) == (3, 2, 768)
+    assert (counters["file_packets"], counters["file_udp"], arrived(counters)) == (3, 2, 2)
 
 
 WHOLE = pcap([ethernet(UDP)] * 2)
@@ -186,8 +193,11 @@ def test_a_recording_has_no_newest_frame(tmp_path: Path) -> None:
 
 
 def test_one_of_two_sensors(tmp_path: Path) -> None:
-    other = udp_frame(packet([block(0, [2000] * 32) for _ in range(12)], product=0x22), port=2370)
-    (tmp_path / "p.pcap").write_bytes(pcap([ethernet(UDP), ethernet(other)] * 3))
+    frames = []
+    for azimuth in (0, 40, 80):
+        other = packet([block(azimuth, [2000] * 32) for _ in range(12)], product=0x22)
+        frames += [ethernet(UDP), ethernet(udp_frame(other, port=2370))]
+    (tmp_path / "p.pcap").write_bytes(pcap(frames))
     (frame,) = capture.open(f"pcap:{tmp_path}/p.pcap", port=2370)
     assert frame.num_points == 3 * 384
     assert frame.format is not None

@@ -209,6 +209,16 @@ def test_pauses_and_wrong_times_are_no_lost_packets(tmp_path: Path) -> None:
     assert (counters["bad_time"], counters["lost_packets"]) == (1, 0)
 
 
+def test_packets_that_were_captured_twice_give_their_points_once(tmp_path: Path) -> None:
+    packets = seen_turns(0, 360, turns=3)
+    once, counters = decode(tmp_path, packets)
+    assert counters["repeated_packets"] == 0
+    twice, counters = decode(tmp_path, [each for each in packets for _ in range(2)])
+    assert [f.num_points for f in twice] == [f.num_points for f in once]
+    assert counters["repeated_packets"] == counters["packets"] == len(packets)
+    assert counters["lost_packets"] == counters["backward_azimuth"] == 0
+
+
 def test_a_stray_packet_is_no_vls128(tmp_path: Path) -> None:
     """Another device's payload of the same length may end in the byte of that product."""
     frames, _ = decode(tmp_path, [bytes(1205) + b"\xa1", GOOD])
@@ -219,7 +229,7 @@ def test_a_vls128_is_named(tmp_path: Path) -> None:
     for options in ({}, {"calibration": hdl64e_calibration(two_points=False)}, {"model": "vlp16"}):
         with pytest.raises(FormatError, match=r"p\.pcap: packets of a Velodyne VLS-128"):
             decode(tmp_path, vls128_packets(3), **options)
-    frames, counters = decode(tmp_path, [GOOD, *vls128_packets(3), GOOD])
+    frames, counters = decode(tmp_path, [FIRST, *vls128_packets(3), GOOD])
     assert [f.num_points for f in frames] == [768]
     assert (counters["other_product"], counters["points"]) == (3, 768)
 

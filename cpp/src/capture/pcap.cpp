@@ -49,11 +49,14 @@ struct Network {
 };
 
 Network network_at(ByteSpan frame, std::size_t header, std::size_t type_at) {
-  constexpr std::uint32_t kIpv4 = 0x0800, kIpv6 = 0x86DD, kTag = 0x8100, kOuterTag = 0x88A8;
+  constexpr std::uint32_t kIpv4 = 0x0800, kIpv6 = 0x86DD;
+  // VLAN tags: inner ones, outer ones by IEEE 802.1ad, and outer ones of older switches.
+  constexpr std::uint32_t kTag = 0x8100, kOuterTag = 0x88A8, kOlderOuterTag = 0x9100;
   constexpr int kMaxTags = 4;
   if (frame.size() < header) return {Layer::kCut, {}};
   std::uint32_t type = big16(frame, type_at);
-  for (int tags = 0; tags < kMaxTags && (type == kTag || type == kOuterTag); ++tags) {
+  const auto is_tag = [&] { return type == kTag || type == kOuterTag || type == kOlderOuterTag; };
+  for (int tags = 0; tags < kMaxTags && is_tag(); ++tags) {
     if (frame.size() < header + 4) return {Layer::kCut, {}};
     type = big16(frame, header + 2);
     header += 4;

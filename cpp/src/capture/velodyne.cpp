@@ -280,6 +280,7 @@ void VelodyneDecoder::reset() {
   counters_ = {};
   model_.reset();
   last_azimuth_.reset();
+  last_payload_.clear();
   is_open_ = false;
   last_span_ = turn_ = 0.0;
   measured_.fill(-kRemembered);
@@ -483,6 +484,11 @@ void VelodyneDecoder::decode(std::span<const std::byte> payload,
     ++counters_.unknown_return_mode;
     return;
   }
+  if (std::ranges::equal(payload, last_payload_)) {
+    ++counters_.repeated_packets;
+    return;
+  }
+  last_payload_.assign(payload.begin(), payload.end());
   Packet packet;
   packet.time_ns = time_ns;
   read_packet(payload, packet);

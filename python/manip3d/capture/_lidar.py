@@ -47,6 +47,8 @@ class LidarSource(FrameSource[LidarFrame]):
         ``lost_packets`` is the number of a Velodyne's packets that are missing: by the times of the
         others, and in directions that earlier turns measured. It does not count packets in the
         first turn, in gaps of more than a second, and of an HDL-64E, whose rate is not known.
+        ``repeated_packets`` is the number of a Velodyne's packets that equal the one before, as in
+        captures of two interfaces; they are left out.
     errors : dict of int to str
         Index in `past_errors` of each frame that could not be read, with the reason.
     """

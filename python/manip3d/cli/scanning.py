@@ -80,7 +80,7 @@ def frames(
 
 _REFUSED = ("bad_length", "unknown_product", "other_product", "unknown_return_mode",
             "bad_block_flag", "bad_azimuth", "overlong_frames", "file_fragments",
-            "file_cut_short")  # fmt: skip
+            "file_cut_short", "repeated_packets")  # fmt: skip
 
 
 def _damage(recording: LidarSource) -> FormatError | None:

@@ -97,9 +97,10 @@ struct VelodyneCounters {
   /// Packets that the scanner must have sent between two others, by their times (see
   /// VelodyneDecoder); those of an HDL-64E, whose rate no manual states, are not counted.
   std::int64_t lost_packets = 0;
-  std::int64_t no_return = 0;     ///< Firings with range 0.
-  std::int64_t duplicates = 0;    ///< Second ones of two equal returns.
-  std::int64_t out_of_range = 0;  ///< Returns outside of min_range_m and max_range_m.
+  std::int64_t repeated_packets = 0;  ///< Equal to the one before: captured twice. Left out.
+  std::int64_t no_return = 0;         ///< Firings with range 0.
+  std::int64_t duplicates = 0;        ///< Second ones of two equal returns.
+  std::int64_t out_of_range = 0;      ///< Returns outside of min_range_m and max_range_m.
   std::int64_t points = 0;
   std::int64_t frames = 0;
   std::int64_t overlong_frames = 0;  ///< Frames that ended at max_points_per_frame.
@@ -192,6 +193,7 @@ class VelodyneDecoder {
   double range_unit_ = 0.002;
   std::uint32_t cut_ = 0;
   std::optional<std::uint32_t> last_azimuth_;  // of the foremost block, 0.01 degrees
+  std::vector<std::byte> last_payload_;        // of the packet before, to find repeated ones
   double last_time_ = 0.0;                     // sensor time of that block's packet
   double last_span_ = 0.0;  // time until the packet after that one, seconds; 0: unknown
   std::array<std::int64_t, 360> measured_{};  // number of the last frame with a block, by degree
