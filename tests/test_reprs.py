@@ -66,7 +66,7 @@ SHORT = "Estimate(threshold=0.666667, low=0.333333, high=1)"
         (1 / 3, (1, 2, 3), "small=0.333333, large=(1, 2, ...)"),
         (None, [np.zeros(99)] * 3, "small=None, large=[<(99,) float64>, <(99,) float64>, ...]"),
         (np.float64(1 / 3), np.float32(1 / 3), "small=0.333333, large=0.333333"),
-        (np.int64(3), [np.bool(True), 0.1 + 0.2], "small=3, large=[True, 0.3]"),
+        (np.int64(3), [np.bool_(True), 0.1 + 0.2], "small=3, large=[True, 0.3]"),
         (ESTIMATE, {"a": ESTIMATE}, f"small={SHORT}, large={{'a': {SHORT}}}"),
         (Holder(1, 2), {"a": 1}, "small=Holder(small=1, large=2), large={'a': 1}"),
     ],
