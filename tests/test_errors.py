@@ -7,7 +7,15 @@ import pickle
 
 import pytest
 
-from manip3d import DeviceError, Error, FormatError, InputError, MissingExtraError, RenderError
+from manip3d import (
+    BrokenExtraError,
+    DeviceError,
+    Error,
+    FormatError,
+    InputError,
+    MissingExtraError,
+    RenderError,
+)
 from manip3d.errors import printable
 
 
@@ -21,6 +29,7 @@ from manip3d.errors import printable
         DeviceError("gone"),
         RenderError("no display"),
         MissingExtraError("laspy", "las"),
+        BrokenExtraError("laspy", "las", "libz.so.1: cannot open shared object file"),
     ],
     ids=lambda error: type(error).__name__,
 )

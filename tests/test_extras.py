@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from manip3d._util.extras import imported
-from manip3d.errors import Error, MissingExtraError
+from manip3d.errors import BrokenExtraError, MissingExtraError
 
 
 def package_with(code: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> str:
@@ -33,16 +33,19 @@ def test_a_package_whose_system_library_is_missing_is_not_called_absent(
 ) -> None:
     lacks = 'raise ImportError("libGL.so.1: cannot open shared object file")'
     name = package_with(lacks, tmp_path, monkeypatch)
-    with pytest.raises(Error, match=r"is installed but cannot be imported: libGL\.so\.1") as told:
+    why = r"is installed but cannot be imported: libGL\.so\.1"
+    with pytest.raises(BrokenExtraError, match=why) as told:
         imported(name, "viz")
-    assert not isinstance(told.value, MissingExtraError)
+    assert (told.value.package, told.value.extra) == (name, "viz")
 
 
 def test_a_package_that_lacks_another_package_names_that_one(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     name = package_with("import nobody_has_this", tmp_path, monkeypatch)
-    with pytest.raises(Error, match=r"cannot be imported: No module named 'nobody_has_this'"):
+    with pytest.raises(
+        BrokenExtraError, match=r"cannot be imported: No module named 'nobody_has_this'"
+    ):
         imported(name, "viz")
 
 

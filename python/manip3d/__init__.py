@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from manip3d._core import __version__
     from manip3d.camera import Intrinsics, Registration
     from manip3d.errors import (
+        BrokenExtraError,
         DeviceError,
         Error,
         FormatError,
@@ -43,6 +44,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "Box",
+    "BrokenExtraError",
     "DeviceError",
     "Error",
     "FormatError",
@@ -99,6 +101,7 @@ _MODULES = frozenset(
 )
 _HOMES = {
     "Box": "lidar",
+    "BrokenExtraError": "errors",
     "DeviceError": "errors",
     "Error": "errors",
     "FormatError": "errors",

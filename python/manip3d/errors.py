@@ -32,8 +32,8 @@ class Error(Exception):
     Attributes
     ----------
     code : str
-        Kind of error, for programs: ``input``, ``format``, ``device``, ``render`` or
-        ``missing-extra``. It does not change when messages change.
+        Kind of error, for programs: ``input``, ``format``, ``device``, ``render``,
+        ``missing-extra`` or ``broken-extra``. It does not change when messages change.
     """
 
     code: ClassVar[str] = "error"
@@ -147,3 +147,18 @@ class MissingExtraError(Error, ImportError):
 
     def __reduce__(self) -> tuple[Any, ...]:
         return type(self), (self.package, self.extra)
+
+
+class BrokenExtraError(Error, ImportError):
+    """An optional dependency is installed but cannot be imported. The message states why."""
+
+    code = "broken-extra"
+
+    def __init__(self, package: str, extra: str, reason: str) -> None:
+        super().__init__(f"{package} is installed but cannot be imported: {reason}")
+        self.package = package
+        self.extra = extra
+        self.reason = reason
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self), (self.package, self.extra, self.reason)

@@ -253,6 +253,19 @@ def test_doctor_takes_a_data_folder_with_the_expected_layout(tmp_path: Path) -> 
     assert "BROKEN" not in done.stdout
 
 
+def test_doctor_names_packages_that_cannot_be_imported(tmp_path: Path) -> None:
+    """A package whose shared library was missing counted as installed."""
+    why = "libGL.so.1: cannot open shared object file"
+    (tmp_path / "cv2.py").write_text(f"raise ImportError({why!r})\n")
+    done = manip3d("doctor", "--json", PYTHONPATH=str(tmp_path), MANIP3D_RENDERER="none")
+    (check,) = [c for c in json.loads(done.stdout) if c["what"] == "extra alert"]
+    if check["state"] == "missing":
+        pytest.skip("the extra 'alert' is not installed")
+    assert (done.returncode, check["state"]) == (1, "broken")
+    assert why in check["detail"]
+    assert check["cure"]
+
+
 def test_unknown_experiment_is_refused() -> None:
     assert "got table-9.9" in error_line(manip3d("reproduce", "table-9.9"))
 

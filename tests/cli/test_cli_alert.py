@@ -402,6 +402,48 @@ def test_without_the_extra_the_cameras_are_absent_and_the_rest_judges(
     assert "the cameras could not judge 3 of 3 frames: needs the extra alert" in done.stderr
 
 
+NO_LIBRARY = "libGL.so.1: cannot open shared object file"
+
+
+def broken_module(module: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Put a module that cannot be imported in front of the installed one."""
+    for name in [name for name in sys.modules if name.partition(".")[0] == module]:
+        monkeypatch.delitem(sys.modules, name)
+    folder.mkdir()
+    (folder / f"{module}.py").write_text(f"raise ImportError({NO_LIBRARY!r})\n")
+    monkeypatch.syspath_prepend(folder)
+
+
+@pytest.mark.parametrize(
+    ("module", "package"), [("cv2", "opencv-python-headless"), ("PIL", "pillow")]
+)
+def test_with_a_broken_package_the_cameras_are_absent_and_the_rest_judges(
+    drive: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, module: str, package: str
+) -> None:
+    """The watch of a drive with pictures ended without a verdict on its points."""
+    with_cameras(drive)
+    broken_module(module, tmp_path / "broken", monkeypatch)
+    done = CliRunner().invoke(app, ["alert", "run", str(drive), "--json"])
+    frames = json.loads(done.stdout)["frames"]
+    assert len(frames) == 3
+    why = f"{package} is installed but cannot be imported: {NO_LIBRARY}"
+    for frame in frames:
+        told = frame["witnesses"]["cross-modal"]
+        assert (told["verdict"], told["reason"]) == ("absent", why)
+    assert frames[0]["witnesses"]["forensics"]["verdict"] != "absent"
+    assert f"the cameras could not judge 3 of 3 frames: {why}" in done.stderr
+
+
+def test_pictures_in_memory_are_left_out_with_a_broken_package(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    broken_module("cv2", tmp_path / "broken", monkeypatch)
+    done = CliRunner().invoke(app, ["alert", "run", "sim:street", "--frames", "1", "--json"])
+    (frame,) = json.loads(done.stdout)["frames"]
+    assert frame["witnesses"]["cross-modal"]["verdict"] == "absent"
+    assert NO_LIBRARY in frame["witnesses"]["cross-modal"]["reason"]
+
+
 def test_pictures_in_memory_are_left_out_without_the_extra(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

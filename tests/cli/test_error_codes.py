@@ -49,7 +49,7 @@ def test_stdout_stays_empty_without_json(tmp_path: Path) -> None:
 def test_each_class_has_a_code_of_its_own() -> None:
     found = [c for c in vars(errors).values() if isinstance(c, type)]
     classes = [c for c in found if issubclass(c, errors.Error)]
-    assert len({c.code for c in classes}) == len(classes) == 6
+    assert len({c.code for c in classes}) == len(classes) == 7
 
 
 @pytest.mark.parametrize(
@@ -58,6 +58,7 @@ def test_each_class_has_a_code_of_its_own() -> None:
         errors.InputError("faces: expected 3 columns, got 2"),
         errors.FormatError("cut off", file="a.ply", byte_offset=17),
         errors.MissingExtraError("laspy", "las"),
+        errors.BrokenExtraError("laspy", "las", "no module"),
     ],
 )
 def test_details_are_json(error: errors.Error) -> None:

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from manip3d._util.held_signals import signals_held
-from manip3d.errors import Error, MissingExtraError
+from manip3d.errors import BrokenExtraError, MissingExtraError
 
 EXTRAS: Mapping[str, tuple[str, ...]] = {
     "io": ("trimesh", "PIL", "yaml"),
@@ -44,6 +44,13 @@ DISTRIBUTIONS: Mapping[str, tuple[str, ...]] = {
 }
 """Distributions of modules whose distribution has another name."""
 
+_COMPILED: Mapping[str, str] = {
+    "PIL": "PIL.Image",
+    "ouster": "ouster.sdk.core",
+    "scipy": "scipy.special",
+}
+"""Module with compiled code of packages that load none when they are imported themselves."""
+
 
 def missing_modules(extra: str) -> list[str]:
     """Return the modules of an extra that are not installed."""
@@ -70,6 +77,20 @@ def require(extra: str) -> None:
         raise MissingExtraError(", ".join(map(_distribution, absent)), extra)
 
 
+def load(extra: str) -> None:
+    """Import all modules of an extra with their compiled code.
+
+    Raises
+    ------
+    MissingExtraError
+        A module is not installed.
+    BrokenExtraError
+        A module is installed but cannot be imported.
+    """
+    for module in EXTRAS[extra]:
+        imported(_COMPILED.get(module, module), extra)
+
+
 def _distribution(module: str) -> str:
     return DISTRIBUTIONS.get(module, (module,))[0]
 
@@ -86,13 +107,13 @@ def imported(module: str, extra: str) -> Any:
     module : str
         Name of the module, such as ``PIL.Image``.
     extra : str
-        The extra, for the message of `MissingExtraError`.
+        The extra, for the error.
 
     Raises
     ------
     MissingExtraError
         The module is not installed.
-    Error
+    BrokenExtraError
         It is installed but cannot be imported, for example because a shared library is missing.
 
     Examples
@@ -110,9 +131,7 @@ def imported(module: str, extra: str) -> Any:
             raise KeyboardInterrupt from None
         if isinstance(error, ModuleNotFoundError) and f"{module}.".startswith(f"{error.name}."):
             raise MissingExtraError(_distribution(package), extra) from error
-        raise Error(
-            f"{_distribution(package)} is installed but cannot be imported: {error}"
-        ) from error
+        raise BrokenExtraError(_distribution(package), extra, str(error)) from error
 
 
 def _was_interrupted(error: BaseException) -> bool:

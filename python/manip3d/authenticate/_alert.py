@@ -16,7 +16,14 @@ from manip3d._util.extras import imported
 from manip3d._util.mappings import ReadOnlyMapping
 from manip3d._util.texts import counted
 from manip3d.authenticate._alert_observations import accused_boxes, attack_observations
-from manip3d.authenticate._alert_verdict import WITNESSES, Alert, AlertCounts, WitnessReport, joined
+from manip3d.authenticate._alert_verdict import (
+    NO_PAIR,
+    WITNESSES,
+    Alert,
+    AlertCounts,
+    WitnessReport,
+    joined,
+)
 from manip3d.authenticate._cross_modal import (
     CrossModalParameters,
     CrossModalResult,
@@ -207,6 +214,8 @@ class AlertMonitor:
             a carrier. The frame is not counted then, and may be judged again.
         MissingExtraError
             There are pictures and OpenCV is not installed.
+        BrokenExtraError
+            There are pictures, and OpenCV is installed but cannot be imported.
         """
         if (left is None) != (right is None):
             raise InputError("left, right: expected both pictures or none")
@@ -411,7 +420,7 @@ class AlertMonitor:
         begin: float,
     ) -> tuple[CrossModalResult | None, WitnessReport]:
         if self._rig is None or left is None or right is None:
-            return None, WitnessReport("absent", "no stereo pair")
+            return None, WitnessReport("absent", NO_PAIR)
         if not (self._is_due("cross-modal", now) or self._has_time("cross-modal", begin)):
             return None, WitnessReport("skipped", "no time left in this frame")
         start = self._clock()
@@ -454,7 +463,7 @@ class AlertMonitor:
     ) -> tuple[SurroundResult | None, WitnessReport]:
         """Ask the pairs that there is time for, and of those that are due one beyond it."""
         if not pairs:
-            return None, WitnessReport("absent", "no stereo pair")
+            return None, WitnessReport("absent", NO_PAIR)
         start = self._clock()
         found: dict[str, CrossModalResult] = {}
         failed: dict[str, str] = {}

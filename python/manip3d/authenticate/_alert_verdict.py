@@ -15,6 +15,9 @@ from manip3d.authenticate._surround import SurroundResult
 from manip3d.authenticate._watermark import WatermarkResult
 from manip3d.lidar import Box
 
+NO_PAIR = "no stereo pair"
+"""Reason of absent cameras where a frame has no pictures."""
+
 WITNESSES = ("watermark", "cross-modal", "forensics")
 
 

@@ -18,7 +18,7 @@ from manip3d.authenticate._alert_tally import AlertTally
 from manip3d.authenticate._alert_verdict import Alert, WitnessReport
 from manip3d.authenticate._risk import is_plausible
 from manip3d.authenticate._stereo import StereoRig
-from manip3d.errors import Error, InputError, MissingExtraError
+from manip3d.errors import BrokenExtraError, Error, InputError, MissingExtraError
 from manip3d.lidar import LidarFrame
 
 TURN_S = 0.1
@@ -280,9 +280,11 @@ def _judged_unread(
         return judge(f"{why}; {error}")
 
 
-def needs_extra(extra: str) -> str:
+def why_blind(error: MissingExtraError | BrokenExtraError) -> str:
     """Return why cameras are absent that only an extra can compare with the LiDAR."""
-    return f"needs the extra {extra} (pip install 'manip3d[{extra}]')"
+    if isinstance(error, BrokenExtraError):
+        return str(error)
+    return f"needs the extra {error.extra} (pip install 'manip3d[{error.extra}]')"
 
 
 def _judged_if_seen(judge: Callable[..., Alert], moment: DriveMoment) -> Alert:
@@ -293,10 +295,10 @@ def _judged_if_seen(judge: Callable[..., Alert], moment: DriveMoment) -> Alert:
     why = moment.blind
     try:
         alert = _judged_without_refused(judge, moment)
-    except MissingExtraError as error:
+    except (MissingExtraError, BrokenExtraError) as error:
         if moment.pictures is None and not moment.pairs:
             raise
-        why = needs_extra(error.extra)
+        why = why_blind(error)
         alert = _judged_without_refused(judge, moment._replace(pictures=None, pairs=None))
     if not why:
         return alert

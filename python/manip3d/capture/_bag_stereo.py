@@ -15,7 +15,7 @@ from manip3d._util.linear import determinant, product
 from manip3d._util.paths import path_of
 from manip3d._util.times import SECOND_NS
 from manip3d.authenticate import TURN_S, DriveMoment, StereoRig, WatchedDrive, read_rigs
-from manip3d.authenticate._watch import needs_extra
+from manip3d.authenticate._watch import why_blind
 from manip3d.capture._bag import (
     BagMessage,
     BagPicture,
@@ -26,7 +26,7 @@ from manip3d.capture._bag import (
 )
 from manip3d.capture._bag_pictures import decoded, pose_of
 from manip3d.capture._lidar import LidarSource, expect_scans, open_unlabelled
-from manip3d.errors import Error, FormatError, InputError, MissingExtraError
+from manip3d.errors import BrokenExtraError, Error, FormatError, InputError, MissingExtraError
 from manip3d.lidar import LidarFrame
 
 if TYPE_CHECKING:
@@ -423,7 +423,7 @@ def _moment(scan: LidarFrame, pair: _Pair | None = None, why_none: str = "") -> 
             pictures = (decoded(pair.left), decoded(pair.right))
         except FormatError as error:
             why_none = str(error)
-        except MissingExtraError:
-            blind = needs_extra("alert")
+        except (MissingExtraError, BrokenExtraError) as error:
+            blind = why_blind(error)
     unread = {"cross-modal": f"unreadable: {why_none}"} if why_none else {}
     return DriveMoment(scan, pictures, time_s=time_s, unread=unread, blind=blind)

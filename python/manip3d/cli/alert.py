@@ -33,7 +33,7 @@ from manip3d.errors import InputError
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from manip3d.authenticate import Alert, AlertCounts, DriveWatch, WatchedDrive
+    from manip3d.authenticate import Alert, AlertCounts, DriveWatch, WatchedDrive, WitnessReport
     from manip3d.batch import Summary
     from manip3d.report import AlertTimeline
 
@@ -246,7 +246,7 @@ class _FrameLog:
         """Add the next frame."""
         self._view.show(alert)
         cameras = alert.witnesses["cross-modal"]
-        if cameras.verdict == "undecidable" or "needs the extra" in cameras.reason:
+        if _is_blind(cameras):
             if self.num_blind == 0:
                 self.why_blind = cameras.reason
             self.num_blind += 1
@@ -256,6 +256,14 @@ class _FrameLog:
             self.timeline.add(alert)
         except OSError as error:
             self.error = error
+
+
+def _is_blind(cameras: WitnessReport) -> bool:
+    """Return whether a frame has pictures that could not be judged."""
+    from manip3d.authenticate._alert_verdict import NO_PAIR
+
+    is_left_out = cameras.verdict == "absent" and cameras.reason != NO_PAIR
+    return cameras.verdict == "undecidable" or is_left_out
 
 
 def _conclude(

@@ -5,12 +5,13 @@ from __future__ import annotations
 import os
 import platform
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import typer
 
-from manip3d._util.extras import DISTRIBUTIONS, EXTRAS, missing_modules
+from manip3d._util.extras import DISTRIBUTIONS, EXTRAS, load, missing_modules
 from manip3d.cli.options import Json
 from manip3d.cli.terminal import Terminal, table
 from manip3d.errors import Error
@@ -50,9 +51,19 @@ def _extras() -> list[dict[str, Any]]:
             cure = f"pip install 'manip3d[{extra}]'"
             checks.append(_check(f"extra {extra}", "missing", f"no {', '.join(absent)}", cure))
         else:
-            versions = ", ".join(f"{name} {_version(name)}" for name in modules)
-            checks.append(_check(f"extra {extra}", "ok", versions))
+            checks.append(_loaded(extra, modules))
     return checks
+
+
+def _loaded(extra: str, modules: Sequence[str]) -> dict[str, Any]:
+    """Check that the modules of an extra can be imported, which a missing library can prevent."""
+    try:
+        load(extra)
+    except Exception as error:  # packages raise any error when they do not fit each other
+        cure = "install what the message names, or the package again"
+        return _check(f"extra {extra}", "broken", str(error) or type(error).__name__, cure)
+    versions = ", ".join(f"{name} {_version(name)}" for name in modules)
+    return _check(f"extra {extra}", "ok", versions)
 
 
 def _version(module: str) -> str:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from manip3d._util.checked import checked
-from manip3d._util.extras import missing_modules
+from manip3d._util.extras import load
 from manip3d._util.paths import path_of
 from manip3d._util.times import SECOND_NS
 from manip3d.authenticate import (
@@ -23,10 +23,10 @@ from manip3d.authenticate import (
     read_rigs,
 )
 from manip3d.authenticate._stereo import checked_pair
-from manip3d.authenticate._watch import needs_extra
+from manip3d.authenticate._watch import why_blind
 from manip3d.authenticate._watermark_files import scans_to_read, scans_to_watch
 from manip3d.datasets.kitti import KittiFrame, open_kitti
-from manip3d.errors import FormatError, InputError
+from manip3d.errors import BrokenExtraError, FormatError, InputError, MissingExtraError
 from manip3d.io._scan_tables import scan_stem
 
 _FRONT_PAIRS = ((2, 3), (0, 1))
@@ -85,7 +85,8 @@ def watched_kitti(
     -------
     manip3d.authenticate.WatchedDrive
         The drive. If a part of a frame cannot be read, only its own moment lacks that part, and
-        states the reason. Without the extra ``alert`` no pictures are read.
+        states the reason. Without the extra ``alert``, or if it cannot be imported, no pictures are
+        read.
 
     Raises
     ------
@@ -134,9 +135,18 @@ def watched_kitti(
         size,
         {name: (left, right) for name, (_, left, right) in around.items()},
         note,
-        needs_extra("alert") if missing_modules("alert") else "",
+        _why_none_is_compared() if front is not None or around else "",
     )
     return WatchedDrive(cameras, (_moment(frame, wanted) for frame in chosen), len(chosen))
+
+
+def _why_none_is_compared() -> str:
+    """Return why no pictures can be compared on this computer; empty: they can."""
+    try:
+        load("alert")
+    except (MissingExtraError, BrokenExtraError) as error:
+        return why_blind(error)
+    return ""
 
 
 def _front_pair(frames: Sequence[KittiFrame]) -> tuple[int, int] | None:
