@@ -92,3 +92,13 @@ def test_a_single_frame_shows_no_share_of_a_few_percent() -> None:
         assert "too few" in finding.unjudged
     (enough,) = cross_modal_7._false_positives([row | {"frames": 38}])
     assert enough.holds is True
+
+
+def test_many_errors_among_few_frames_refute_a_share() -> None:
+    """26 of 36 right, against published 97.56 %, were called too few to judge."""
+    row: Row = {"model": "kitti_object", "frames": 6, "clean": 3, "attacks": 30, "detected": 23}
+    (accurate,) = cross_modal_7._accuracy([row])
+    (calm,) = cross_modal_7._false_positives([row])
+    assert (accurate.holds, accurate.unjudged) == (False, "")
+    assert accurate.numbers == "26 of 36 right, 72.2% (56.0% to 84.2%)"
+    assert (calm.holds, calm.unjudged) == (False, "")

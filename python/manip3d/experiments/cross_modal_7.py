@@ -223,11 +223,11 @@ def _halves(rows: Sequence[Row]) -> Iterator[tuple[str, Sequence[Row]]]:
 
 
 def _finding(name: str, holds: bool, numbers: str, errors: float) -> Finding:
-    """Return a finding about a share, judged if the published share allows one error or more.
+    """Return a finding about a share; too few frames can refute it, but not confirm it.
 
-    Among fewer frames, even a much larger share would leave none.
+    Where the published share allows less than one error, even a much larger share may leave none.
     """
-    if errors < 1.0:
+    if errors < 1.0 and holds:
         return Finding(name, None, numbers, unjudged="too few frames to judge so small a share")
     return Finding(name, holds, numbers)
 
