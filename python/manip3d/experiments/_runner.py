@@ -232,7 +232,8 @@ def _earlier_results(folder: Path) -> dict[str, Any]:
         found = json.loads(regular_bytes(folder / "results.json"))
         rows = [row for record in found["experiments"].values() for row in record["rows"]]
         is_sound = all(isinstance(row, dict) for row in rows) and isinstance(found["data"], list)
-        is_sound = is_sound and isinstance(found["environments"], dict)
+        # Formats before 3 have no environments; their records are not kept, but they are named.
+        is_sound = is_sound and isinstance(found.setdefault("environments", {}), dict)
     except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
         return {}
     return found if is_sound and isinstance(found.get("pictures"), dict) else {}
