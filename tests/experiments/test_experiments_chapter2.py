@@ -184,7 +184,7 @@ def test_faces_without_uv_must_be_refused() -> None:
 def test_an_aim_is_judged_on_the_published_file_only() -> None:
     claim = at_most("metro_vertex", 0.5, "Jet", "aim", scale=1.0)
     verdict = claim.verdict([row("qem4vr", 0.4, data="stand-in")])
-    assert verdict.word == "not applicable"
+    assert verdict.word == "undecided"
     assert verdict.findings[0].unjudged == "only the published file can judge this"
     assert claim.verdict([row("qem4vr", 0.4, data="published")]).word == "holds"
     assert claim.verdict([row("qem4vr", 0.6, data="published")]).word == "does not hold"
@@ -259,7 +259,7 @@ def test_a_claim_about_two_files_does_not_hold_for_one_of_them(
     wrong = [*both[:1], counts_row(second, "published", faces=5)]
     assert claim.verdict(wrong).word == "does not hold"
     none = [counts_row(first, "simulated"), counts_row(second, "stand-in")]
-    assert claim.verdict(none).word == "not applicable"
+    assert claim.verdict(none).word == "undecided"
 
 
 def frame_row(models: int, method: str, polygons: int, ms: float | None) -> Row:

@@ -289,7 +289,7 @@ def test_each_kind_of_data_is_judged_apart() -> None:
     together = Claim("text", "source", judge, together=True).verdict(rows)
     assert [(f.data, f.holds) for f in together.findings] == [("published, simulated", True)]
     only = Claim("text", "source", judge, data=("published",)).verdict(rows[1:])
-    assert only.word == "not applicable"
+    assert only.word == "undecided"
     assert "only the published file can judge this" in only.findings[0].unjudged
 
 
@@ -349,11 +349,27 @@ def test_what_could_not_be_judged_does_not_hold() -> None:
     assert verdict(*found(True, None)).word == "undecided"
     assert verdict(*found(True, None)).holds is None
     assert verdict(*found(False, None)).word == "does not hold"
-    assert verdict(*found(None)).word == "not applicable"
+    assert verdict(*found(None)).word == "undecided"
+    assert dataclasses.replace(verdict(*found(None)), reported=True).word == "reported"
     # Another kind of data that cannot judge takes nothing away from the published files.
     assert verdict(*found(True), *found(None, data="simulated")).word == "holds"
     some = verdict(*found(None), *found(True, data="simulated"))
     assert (some.word, some.judged_on) == ("holds on simulated data", ("simulated",))
+
+
+def test_each_kind_of_data_is_named_once() -> None:
+    """Several kinds of one finding were one name, "published, stand-in"."""
+    findings = [Finding("", True, "", data) for data in ("published, stand-in", "published")]
+    verdict = Verdict("claim", "table 1", tuple(findings))
+    assert (verdict.word, verdict.judged_on) == ("holds", ("published", "stand-in"))
+    worse = Verdict("claim", "table 1", (*findings, Finding("", False, "", "published")))
+    assert (worse.word, worse.judged_on) == ("does not hold", ("published", "stand-in"))
+
+
+def test_a_judge_may_name_a_kind_of_data_of_its_own() -> None:
+    """It was a KeyError, after which the run wrote no results."""
+    findings = (Finding("", True, "", "simulated, phantoms"),)
+    assert Verdict("claim", "table 1", findings).word == "holds on simulated data and phantoms"
 
 
 def test_a_claim_is_not_judged_for_failures_of_others() -> None:
@@ -447,6 +463,18 @@ def test_results_of_another_plan_are_named_when_they_are_replaced(tmp_path: Path
     other = run([experiment(3, name="second")], tmp_path, plan=Plan(seed=5), jobs=1)
     assert (other.kept, other.dropped) == ([], ["first"])
     assert list(json.loads((tmp_path / "results.json").read_text())["experiments"]) == ["second"]
+
+
+def test_results_of_the_previous_format_are_named_when_they_are_replaced(tmp_path: Path) -> None:
+    """They have no environments, and were replaced without a word."""
+    run([experiment(1, name="first")], tmp_path, jobs=1)
+    summary = tmp_path / "results.json"
+    results = json.loads(summary.read_text())
+    del results["environments"], results["experiments"]["first"]["environments"]
+    summary.write_text(json.dumps(results | {"format": 2}))
+    other = run([experiment(3, name="second")], tmp_path, jobs=1)
+    assert (other.kept, other.dropped) == ([], ["first"])
+    assert list(json.loads(summary.read_text())["experiments"]) == ["second"]
 
 
 @pytest.mark.parametrize("damage", ["{", "[]", '{"experiments": {"a": {"rows": [1]}}, "data": []}'])

@@ -138,7 +138,7 @@ class Finding:
     subject : str
         The model or part.
     holds : bool or None
-        Whether the claim holds for it; None: not applicable.
+        Whether the claim holds for it; None: not applicable, or not judged (`unjudged`).
     numbers : str
         The compared numbers.
     data : str
@@ -195,14 +195,17 @@ class Verdict:
 
     @property
     def judged_on(self) -> tuple[str, ...]:
-        """Kinds of data on which findings were judged, as in `Finding.data`."""
-        return tuple(dict.fromkeys(f.data for f in self.findings if f.holds is not None))
+        """Kinds of data on which findings were judged, each of them once."""
+        judged = (finding.data for finding in self.findings if finding.holds is not None)
+        return tuple(dict.fromkeys(kind for data in judged for kind in data.split(", ")))
 
     @property
     def _confirmed_on(self) -> list[str]:
-        """Kinds of data on which every finding that applies was judged and holds."""
+        """Kinds of data, as in `Finding.data`, on which all that applies was judged and holds."""
         open_on = {f.data for f in self.findings if f.unjudged or f.holds is False}
-        return [kind for kind in self.judged_on if kind not in open_on]
+        return list(
+            dict.fromkeys(f.data for f in self.findings if f.holds and f.data not in open_on)
+        )
 
     @property
     def word(self) -> str:
@@ -210,14 +213,17 @@ class Verdict:
 
         Only the published files decide a published claim, and any data an aim of this package.
         ``holds on simulated data`` (or ``stand-ins``, ``recorded data``) means that a published
-        claim holds on data that do not decide it, and ``undecided`` that it fails on such data, or
-        that some finding could not be judged. If there is no verdict, the word is ``not judged`` (a
-        case failed), ``reported`` or ``not applicable``.
+        claim holds on data that do not decide it. ``undecided`` means that it fails on such data,
+        or that it was not refuted, but on each kind of data some finding could not be judged. If
+        there is no verdict, the word is ``not judged`` (a case failed), ``reported`` or ``not
+        applicable``.
         """
         if self.unjudged:
             return "not judged"
-        if not self.judged_on:
-            return "reported" if self.reported and self.findings else "not applicable"
+        if not self.judged_on and self.reported and self.findings:
+            return "reported"
+        if not self.judged_on and not any(finding.unjudged for finding in self.findings):
+            return "not applicable"
         if self.holds:
             return self._holds_on(self._confirmed_on)
         refuted = any(f.holds is False and self._decides(f.data) for f in self.findings)
@@ -226,7 +232,7 @@ class Verdict:
     def _holds_on(self, kinds: Sequence[str]) -> str:
         if any(self._decides(kind) for kind in kinds):
             return "holds"
-        names = dict.fromkeys(_NOUNS[name] for kind in kinds for name in kind.split(", "))
+        names = dict.fromkeys(_NOUNS.get(name, name) for kind in kinds for name in kind.split(", "))
         return f"holds on {' and '.join(names)}"
 
     def _decides(self, data: str) -> bool:

@@ -118,7 +118,7 @@ def _experiments(results: Mapping[str, Any], folder: Path) -> Iterator[dict[str,
 def _why(verdict: Mapping[str, Any]) -> str:
     """Return a short explanation of a verdict other than "holds" and "does not hold", or ''."""
     findings = verdict["findings"]
-    if verdict["word"] not in ("undecided", "not applicable"):
+    if verdict["word"] != "undecided":
         return str(verdict["unjudged"])
     if any(finding["holds"] is False for finding in findings):
         confirmed = any(f["holds"] and "published" in f["data"] for f in findings)
