@@ -343,3 +343,16 @@ def test_a_session_does_not_end_before_it_started(diary: Diary, tmp_path: Path) 
         for row in rows(tmp_path / "tables", "sessions")
     ]
     assert told == [(False, "False"), (False, "False"), (False, "False"), (True, "True")]
+    write_page(diary, tmp_path / "page.html", "P02")
+    page = (tmp_path / "page.html").read_text()
+    assert page.count("The clock was set back during the session: its duration is unknown.") == 1
+
+
+def test_ratings_before_and_after_keep_their_order_if_the_clock_is_set_back(diary: Diary) -> None:
+    session = diary.start_session("P02", at=START + timedelta(days=1))
+    diary.add_rating("P02", 3, session=session, at=START + timedelta(days=1))
+    diary.begin_play(session, at=START + timedelta(days=1, minutes=1))
+    diary.add_rating("P02", 4, session=session, at=START)
+    found = diary.sessions("P02")[-1]
+    assert [(one.pain, one.when) for one in found.ratings] == [(3, "before"), (4, "after")]
+    assert "rose from 3" in diary.add_rating("P02", 5, session=session, at=START)

@@ -325,6 +325,51 @@ def test_midnight_does_not_switch_the_stop_rule_off(sitting: Sitting, starts_aga
     assert "rose from 3 to 6" in sitting.say("pain", value=6)["game"]["halt"]
 
 
+AHEAD = timedelta(days=200)  # error of the computer's clock
+
+
+def hold_with_a_clock_ahead(sitting: Sitting, *last: str) -> None:
+    """A sitting with a first rating of 3, within which the clock is set right."""
+    sitting.end().close()
+    sitting.now += AHEAD
+    sitting.open()
+    sitting.say("pain", value=3)
+    sitting.say("enough")
+    sitting.now += timedelta(minutes=5) - AHEAD
+    for name in last:
+        sitting.say(name, value=3)
+    sitting.end().close()
+
+
+@pytest.mark.parametrize(
+    ("later", "halt"), [(timedelta(minutes=5), "rose from 3 to 6"), (timedelta(days=4), "")]
+)
+def test_a_clock_that_was_ahead_neither_ends_nor_pins_the_stop_rule(
+    sitting: Sitting, later: timedelta, halt: str
+) -> None:
+    hold_with_a_clock_ahead(sitting, "unanswered")
+    sitting.now += later
+    sitting.open()
+    assert sitting.say("pain", value=6)["game"]["halt"][9:25] == halt
+    with sitting.end() as diary:
+        ahead = diary.sessions("P01")[-1]
+        assert ahead.clock_went_back
+        assert ahead.clock_at_end == sitting.now - later
+
+
+def test_a_clock_that_was_ahead_ends_no_later_comparison(sitting: Sitting) -> None:
+    """A sitting dated in the future was closed before today's, whose last rating is missing."""
+    hold_with_a_clock_ahead(sitting, "pain")
+    sitting.now += timedelta(minutes=5)
+    sitting.open()
+    sitting.say("pain", value=2)
+    sitting.say("enough")
+    sitting.end().close()
+    sitting.now += timedelta(minutes=5)
+    sitting.open()
+    assert "rose from 2 to 6" in sitting.say("pain", value=6)["game"]["halt"]
+
+
 @pytest.mark.parametrize("is_killed", [False, True])
 def test_a_program_that_stops_in_a_game_does_not_switch_the_stop_rule_off(
     sitting: Sitting, is_killed: bool

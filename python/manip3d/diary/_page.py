@@ -18,6 +18,7 @@ from manip3d.diary._diary import Diary
 from manip3d.diary._protocol import Protocol, adherence
 from manip3d.diary._questionnaires import Questionnaire
 from manip3d.diary._records import (
+    CLOCK_WENT_BACK,
     FILM_IN_PAGE,
     NOT_ANSWERED,
     Answers,
@@ -462,7 +463,9 @@ def _sessions(sessions: Sequence[DiarySession]) -> str:
         ]
         pain = f"{_dash(session.pain_before)} to {_dash(session.pain_after)}"
         pain += "" if session.answered else f". {NOT_ANSWERED}"
-        rows.append((_day(session.started), games, pain, ", ".join(stuck) or "-"))
+        begun = _day(session.started)
+        begun += f". {CLOCK_WENT_BACK}" if session.clock_went_back else ""
+        rows.append((begun, games, pain, ", ".join(stuck) or "-"))
     return html_table(("Begun", "Games and scores", "Pain", "No point though in reach"), rows)
 
 

@@ -447,10 +447,12 @@ def sessions_of(rows: Rows, participant: Enrolled) -> list[DiarySession]:
                 started,
                 None if ended is None else max(started, ended),
                 tuple(sorted(games[row["id"]], key=lambda game: game.at)),
-                tuple(sorted(ratings[row["id"]], key=lambda rating: rating.at)),
+                # If the clock was set back, ratings after the play have earlier times.
+                tuple(sorted(ratings[row["id"]], key=lambda one: (one.when == "after", one.at))),
                 datetime.fromisoformat(about["begun"]) if about.get("begun") else None,
                 bool(about.get("answered", True)),
                 clock_went_back=ended is not None and ended < started,
+                clock_at_end=ended,
             )
         )
     return found

@@ -213,7 +213,7 @@ def first_pain(ratings: Iterable[Rating]) -> int | None:
     """Return the rating with which later ratings of a session are compared.
 
     It is the first rating, or a second one that corrects it (`CORRECTION_S`). ``ratings`` are
-    sorted by time.
+    in the order in which they were given; their times go back if the clock was set back.
     """
     first: Rating | None = None
     pain = None
@@ -224,7 +224,7 @@ def first_pain(ratings: Iterable[Rating]) -> int | None:
             first = rating
         elif not (
             first.when == rating.when == "before"
-            and (rating.at - first.at).total_seconds() <= CORRECTION_S
+            and abs((rating.at - first.at).total_seconds()) <= CORRECTION_S
         ):
             break
         pain = rating.pain
@@ -253,6 +253,9 @@ class DiarySession:
     clock_went_back : bool
         Whether the end lay before the start, because the computer's clock was set back: `ended` is
         then the time of the start, and the duration is unknown.
+    clock_at_end : datetime or None
+        Time of the end as the clock stated it, which lies before the start if the clock was set
+        back; None: not ended, or not read from a diary.
     """
 
     number: int
@@ -263,6 +266,7 @@ class DiarySession:
     begun: datetime | None = None
     answered: bool = True
     clock_went_back: bool = False
+    clock_at_end: datetime | None = None
 
     __repr__ = short_repr
 

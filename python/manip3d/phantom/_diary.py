@@ -20,7 +20,7 @@ from manip3d.phantom._touch import Mode
 from manip3d.phantom._writer import OrderedWriter
 
 if TYPE_CHECKING:
-    from manip3d.diary import DiaryGame, Rating
+    from manip3d.diary import DiaryGame, DiarySession, Rating
     from manip3d.diary._records import Moment
 
 RATE_FIRST = "Please say first how strong the pain is now; then a game or a touch can begin."
@@ -110,13 +110,13 @@ class DiaryRecorder:
 
         These are sittings that ended without a last rating so recently that they count as going on
         (`goes_on`), for example because the program was killed after a game had begun. A sitting
-        with ratings that was closed properly ends the comparison, as in `close_session`.
+        with ratings that was closed properly ends the comparison, as in `close_session`. If the
+        clock was set during a sitting, its times that are not recent count nowhere.
         """
         found: list[Rating] = []
-        for sitting in self._diary.sessions(self._participant):
-            last_said = [sitting.started, *(rating.at for rating in sitting.ratings)]
-            if not goes_on(sitting.ended or max(last_said), _now()):
-                continue
+        sessions = self._diary.sessions(self._participant)
+        recent = [(last, one) for one in sessions if (last := _last_recent(one, _now()))]
+        for _, sitting in sorted(recent, key=lambda known: known[0]):
             if not sitting.answered or (sitting.begun is not None and sitting.pain_after is None):
                 found += sitting.ratings
             elif sitting.ended is not None and sitting.ratings:
@@ -150,8 +150,9 @@ class DiaryRecorder:
             self._unanswered = []
         else:
             self._unanswered = [*self._unanswered, *self._ratings]
-        # If the program ran past midnight, the sitting ended with its last entry.
-        at = _now() if _now().date() == self._latest.date() else self._latest
+        # If the program ran past midnight, the sitting ended with its last entry; the time of that
+        # entry lies ahead if the clock was set back since.
+        at = _now() if _now().date() == self._latest.date() else min(_now(), self._latest)
         self._over = at
         self._keep_of_session(
             "" if answered else f"no rating at the end of the session, {at:%H:%M}",
@@ -358,6 +359,12 @@ class DiaryRecorder:
     def _keep(self, what: str, write: Callable[[], object]) -> None:
         assert self._writer is not None
         self._writer.add(what, write)
+
+
+def _last_recent(sitting: DiarySession, now: datetime) -> datetime | None:
+    """Return the last of a sitting's times that are recent; None: the sitting is over."""
+    times = [sitting.started, sitting.clock_at_end, *(rating.at for rating in sitting.ratings)]
+    return max((at for at in times if at is not None and goes_on(at, now)), default=None)
 
 
 def _now() -> datetime:

@@ -11,8 +11,11 @@ _REST = timedelta(hours=1)  # a longer time without messages around midnight end
 
 
 def goes_on(since: datetime, now: datetime) -> bool:
-    """Return whether two times are in one sitting: on one day, or without a rest between them."""
-    return since.astimezone().date() == now.date() or now - since <= _REST
+    """Return whether two times are in one sitting: on one day, or without a rest between them.
+
+    ``since`` may lie ahead of ``now``, if the computer's clock was set back.
+    """
+    return since.astimezone().date() == now.date() or abs(now - since) <= _REST
 
 
 class Sitting:
