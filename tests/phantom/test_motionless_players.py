@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from manip3d import capture
 from manip3d.modify import PhantomState
 from manip3d.phantom import LiveSession
+from manip3d.phantom._ends import Rest
 from manip3d.phantom._play import Play
 from manip3d.phantom.games import GAMES, ArmField, begin
 from manip3d.rgbd import JOINTS, Skeleton
@@ -61,26 +62,27 @@ def scaled(body: Skeleton, scale: float) -> Skeleton:
 
 
 @functools.cache
-def noise() -> NDArray[np.float32]:
+def noise(jitter: float = JITTER_M, correlation: float = CORRELATION) -> NDArray[np.float32]:
     """Two seconds of a tracker's noise, (60, 25, 3), metres."""
-    white = np.random.default_rng(5).normal(0.0, JITTER_M, (2 * RATE, 25, 3))
+    white = np.random.default_rng(5).normal(0.0, jitter, (2 * RATE, 25, 3))
     for number in range(1, len(white)):
-        white[number] *= math.sqrt(1.0 - CORRELATION**2)
-        white[number] += CORRELATION * white[number - 1]
+        white[number] *= math.sqrt(1.0 - correlation**2)
+        white[number] += correlation * white[number - 1]
     return white.astype(np.float32)
 
 
 class Player:
     """Shows a session's game the skeletons of a patient without a right arm or leg."""
 
-    def __init__(self, game: str, difficulty: int) -> None:
+    def __init__(self, game: str, difficulty: int, **noisy: float) -> None:
+        self.noise = noise(**noisy)
         self.play = Play((game, difficulty), 1, f"right_{GAMES[game].limbs[:-1]}", 1.0, None)
         self.number = 0
 
     def show(self, body: Skeleton, frames: int = 1) -> None:
         for _ in range(frames):
             self.number += 1
-            seen = replace(body, positions=body.positions + noise()[self.number % len(noise())])
+            seen = replace(body, positions=body.positions + self.noise[self.number % (2 * RATE)])
             shown: Any = SimpleNamespace(skeleton=seen, state=PhantomState.TRACKING)
             self.play.go_on(shown, 1 / RATE, round(self.number * 1e9 / RATE), None)
 
@@ -158,6 +160,47 @@ def test_limbs_that_rest_too_far_out_are_asked_back(
     assert not player.play.is_playing
     player.show(scaled(turned(body, limbs, free), scale), RATE)
     assert (player.play.is_playing, player.play.advice) == (True, "")
+
+
+NOISES = list(itertools.product((0.02, 0.03), (0.0, CORRELATION)))
+
+
+@pytest.mark.parametrize(("jitter", "correlation"), NOISES)
+def test_a_noisy_tracker_does_not_play_for_a_child(jitter: float, correlation: float) -> None:
+    """Places that lie beyond the margin of 4 cm in single frames still burst a few bubbles."""
+    player = Player("bubbles-legs", 1, jitter=jitter, correlation=correlation)
+    body = scaled(still(sitting=True), 0.6)
+    player.begin(body)
+    player.show(body, 20 * RATE)
+    state = player.play.game
+    assert state is not None
+    assert state.misses > 4
+    assert state.score < 0.5 * state.misses
+
+
+@pytest.mark.parametrize("limbs", ["arms", "legs"])
+@pytest.mark.parametrize(("jitter", "correlation"), NOISES)
+def test_noise_is_no_movement(jitter: float, correlation: float, limbs: Any) -> None:
+    body, rest = still(sitting=True), Rest()
+    is_known = []
+    for number, off in enumerate(noise(jitter, correlation)):
+        rest.add(replace(body, positions=body.positions + off), round(number * 1e9 / RATE))
+        is_known.append(rest.skeleton(limbs) is not None)
+    assert np.mean(is_known[RATE:]) > 0.9
+
+
+@pytest.mark.parametrize(("period", "share"), [(1.0, 0.95), (2.0, 0.95), (4.0, 0.8)])
+@pytest.mark.parametrize(("limbs", "raised"), [("arms", 110.0), ("legs", 75.0)])
+def test_swings_are_movements(limbs: Any, raised: float, period: float, share: float) -> None:
+    body, rest = still(sitting=limbs == "legs"), Rest()
+    is_known = []
+    for number in range(5 * RATE):
+        angle = raised * (0.5 - 0.5 * math.cos(2.0 * math.pi * number / RATE / period))
+        seen = turned(body, limbs, angle)
+        seen = replace(seen, positions=seen.positions + noise()[number % (2 * RATE)])
+        rest.add(seen, round(number * 1e9 / RATE))
+        is_known.append(rest.skeleton(limbs) is not None)
+    assert np.mean(is_known[RATE:]) < 1.0 - share
 
 
 def test_bubbles_of_a_child_are_smaller() -> None:
