@@ -74,8 +74,10 @@ def noise(jitter: float = JITTER_M, correlation: float = CORRELATION) -> NDArray
 class Player:
     """Shows a session's game the skeletons of a patient without a right arm or leg."""
 
-    def __init__(self, game: str, difficulty: int, **noisy: float) -> None:
-        self.noise = noise(**noisy)
+    def __init__(
+        self, game: str, difficulty: int, *, measured: Skeleton | None = None, **noisy: float
+    ) -> None:
+        self.measured, self.noise = measured, noise(**noisy)
         self.play = Play((game, difficulty), 1, f"right_{GAMES[game].limbs[:-1]}", 1.0, None)
         self.number = 0
 
@@ -84,12 +86,18 @@ class Player:
             self.number += 1
             seen = replace(body, positions=body.positions + self.noise[self.number % (2 * RATE)])
             shown: Any = SimpleNamespace(skeleton=seen, state=PhantomState.TRACKING)
-            self.play.go_on(shown, 1 / RATE, round(self.number * 1e9 / RATE), None)
+            self.play.go_on(shown, 1 / RATE, round(self.number * 1e9 / RATE), self.measured)
 
     def begin(self, body: Skeleton) -> None:
         self.show(body, RATE)
         self.play.want()
         self.show(body)
+
+    def swing(self, body: Skeleton, limbs: str, low: float, high: float, seconds: int) -> None:
+        """Raise the limbs from one angle to another and lower them, once in two seconds."""
+        for number in range(seconds * RATE):
+            share = 0.5 - 0.5 * math.cos(math.pi * number / RATE)
+            self.show(turned(body, limbs, low + share * (high - low)))
 
 
 def points_of_a_motionless(body: Skeleton, game: str, difficulty: int) -> Mapping[int, int]:
@@ -160,6 +168,41 @@ def test_limbs_that_rest_too_far_out_are_asked_back(
     assert not player.play.is_playing
     player.show(scaled(turned(body, limbs, free), scale), RATE)
     assert (player.play.is_playing, player.play.advice) == (True, "")
+
+
+@pytest.mark.parametrize("scale", [0.6, 1.25])
+@pytest.mark.parametrize(
+    ("game", "rest", "raised"), [("bubbles", 75.0, 110.0), ("bubbles-legs", 40.0, 75.0)]
+)
+def test_limbs_that_can_only_rest_far_out_can_play(
+    game: str, rest: float, raised: float, scale: float
+) -> None:
+    """A stiff knee, a splint, or foot rests that are far ahead of the chair."""
+    limbs = GAMES[game].limbs
+    body = scaled(still(sitting=limbs == "legs"), scale)
+    player = Player(game, 1)
+    player.begin(turned(body, limbs, rest))
+    player.show(turned(body, limbs, rest), 14 * RATE)
+    assert not player.play.is_playing
+    player.show(turned(body, limbs, rest), 15 * RATE)
+    idle = player.play.game
+    assert idle is not None
+    assert (idle.score, idle.misses > 4) == (0, True)
+    player.swing(body, limbs, rest, raised, 10)
+    state = player.play.game
+    assert state is not None
+    assert state.score > state.misses - idle.misses
+
+
+def test_feet_that_move_need_not_go_where_the_measured_ones_were_in_the_way() -> None:
+    body = still(sitting=True)
+    ahead = turned(body, "legs", 40.0)
+    player = Player("bubbles-legs", 1, measured=ahead)
+    player.begin(ahead)
+    player.show(ahead, RATE)
+    assert not player.play.is_playing
+    player.swing(body, "legs", 40.0, 75.0, 1)
+    assert player.play.is_playing
 
 
 NOISES = list(itertools.product((0.02, 0.03), (0.0, CORRELATION)))

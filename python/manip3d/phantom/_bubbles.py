@@ -125,22 +125,28 @@ class _Layout:
 
 
 def bubble_field(
-    skeleton: Skeleton, game: Game, difficulty: int, rest: Skeleton | None
+    skeleton: Skeleton, game: Game, difficulty: int, rest: Skeleton | None, *, at_any_rest: bool
 ) -> ArmField | None:
     """Lay out the lines of the bubbles, out of the way of hands or feet that rest.
 
-    None: a joint is not tracked, or lines beyond the resting hands or feet are out of reach.
+    If lines beyond the resting hands or feet are out of reach, they lie as far away as the limb
+    reaches and begin above them if ``at_any_rest``. Otherwise there is no field (None), as if a
+    joint is not tracked.
     """
     layout = (_arm_layout if game.limbs == "arms" else _leg_layout)(skeleton)
     if layout is None or not layout.limb > 1e-6:
         return None
     radius = min(game.radius, _RADII[game.limbs] * layout.limb)
     clearance = radius + END_SHARE * radius + _MARGIN_M
-    taken = [] if rest is None else _taken(layout, points_of_ends(rest, game.limbs), clearance)
+    at_rest = np.empty((0, 3)) if rest is None else points_of_ends(rest, game.limbs)
+    taken = _taken(layout, at_rest, clearance)
     distances = [_free(share * layout.limb, taken) for share in game.reaches[difficulty - 1]]
     reach = _WITH_END * layout.limb
     if max(distances) > reach:
-        return None
+        if not at_any_rest:
+            return None
+        distances = [min(distance, reach) for distance in distances]
+        layout = _raised(layout, distances, at_rest, clearance)
     starts = layout.roots.copy()
     starts[:, 1] = layout.bottom
     lefts, rights = (
@@ -180,6 +186,24 @@ def _free(distance: float, taken: list[tuple[float, float]]) -> float:
         if low < distance < high:
             distance = high
     return distance
+
+
+def _raised(
+    layout: _Layout, distances: list[float], at_rest: NDArray[np.float64], clearance: float
+) -> _Layout:
+    """Return the layout with lines that begin above the resting hands or feet.
+
+    The ceiling stays, but the lines keep half of their height at least.
+    """
+    bottom = layout.bottom
+    for root, way in zip(layout.roots, layout.ways, strict=True):
+        for distance in distances:
+            off = (at_rest - root - distance * way) * (1.0, 0.0, 1.0)
+            half2 = clearance * clearance - (off * off).sum(axis=1)
+            tops = at_rest[half2 > 0.0, 1] - np.sqrt(half2[half2 > 0.0])
+            bottom = min([bottom, *tops.tolist()])
+    rise = max(layout.rise - (layout.bottom - bottom), 0.5 * layout.rise)
+    return replace(layout, bottom=bottom, rise=rise)
 
 
 def _arm_layout(skeleton: Skeleton) -> _Layout | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections import Counter, deque
 from dataclasses import replace
@@ -53,6 +54,8 @@ _TOO_SLOW = (
     "check the camera."
 )
 
+_PATIENCE_S = 15.0  # seconds after which a game begins although hands or feet are in the way
+
 _REST = {
     "arms": "Let your arms hang close to the body, so that the bubbles can rise beside them.",
     "legs": "Put your feet under your knees, so that the bubbles can rise before them.",
@@ -102,6 +105,7 @@ class Play:
         self._paused_s = self._told_s = 0.0
         self._ends = ColliderTracker()  # colliders of hands or feet alone
         self._rest = Rest()
+        self._refused_s = 0.0  # seconds for which hands or feet have been in the way
         self._heights: deque[tuple[int, float]] = deque()  # times and y of tracked feet
         self._events: deque[tuple[int, list[Any]]] = (
             deque()
@@ -119,7 +123,7 @@ class Play:
 
     def want(self) -> None:
         """Begin a game with the next frame in which the limb is tracked."""
-        self.game, self.is_wanted = None, True
+        self.game, self.is_wanted, self._refused_s = None, True, 0.0
 
     def stop(self) -> None:
         """End the current game, or cancel one that was to begin."""
@@ -165,6 +169,8 @@ class Play:
             self._begin(shown.skeleton, measured)
         if self.game is None and begins:
             self.advice = _cannot_begin(self.choice[0], shown.skeleton)
+            if not missing_joints(GAMES[self.choice[0]], shown.skeleton):
+                self._refused_s += min(seconds, LONGEST_STEP_S)
         if self.game is None or self.game.phase == "over":
             return False
         self._seen[True] += 1
@@ -235,10 +241,16 @@ class Play:
         rest = self._rest.skeleton(GAMES[name].limbs)
         if measured is not None:
             body = moved_to(measured, body)
-            rest = body if rest is None else rest
         seed = self._seed + len(self.summaries)
         floor = self._floor() if GAMES[name].rules == "piano" else None
-        self.game = begin(name, body, difficulty=difficulty, seed=seed, floor=floor, rest=rest)
+        begin_at = functools.partial(
+            begin, name, body, difficulty=difficulty, seed=seed, floor=floor
+        )
+        if rest is not None:
+            self.game = begin_at(rest=rest, at_any_rest=self._refused_s >= _PATIENCE_S)
+        else:
+            # Hands or feet move. They rested when the body was measured, maybe in the way.
+            self.game = begin_at(rest=None if measured is None else body) or begin_at()
         if self.game is None:
             return
         if isinstance(self.game.field, ArmField):

@@ -119,6 +119,7 @@ def begin(
     seed: int = 0,
     floor: float | None = None,
     rest: Skeleton | None = None,
+    at_any_rest: bool = False,
 ) -> GameState | None:
     """Lay out a game around a player who is ready.
 
@@ -138,13 +139,18 @@ def begin(
     rest : Skeleton, optional
         For bubbles, the player with hands or feet at rest, past which they rise without a touch;
         default: the player does not rest, and the bubbles are where the game has them.
+    at_any_rest : bool
+        Begin even if hands or feet rest so far from the body that bubbles beyond them are out of
+        reach, as with a stiff knee: these bubbles rise as far away as the limb reaches, and begin
+        above the resting hands or feet.
 
     Returns
     -------
     GameState or None
         None: a joint that the layout depends on is not tracked. Those of `Game.joints` are needed
         in any case; trackers with the joints of COCO have no feet, which pedals and piano need.
-        Or hands or feet rest so far from the body that bubbles beyond them would be out of reach.
+        Or hands or feet rest so far from the body that bubbles beyond them would be out of reach,
+        and not ``at_any_rest``.
 
     Raises
     ------
@@ -166,7 +172,7 @@ def begin(
     elif game.rules == "piano":
         field = piano_field(skeleton, game, difficulty, floor)
     else:
-        field = bubble_field(skeleton, game, difficulty, rest)
+        field = bubble_field(skeleton, game, difficulty, rest, at_any_rest=at_any_rest)
     return None if field is None else GameState(game, difficulty, seed, field)
 
 
