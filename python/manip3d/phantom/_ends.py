@@ -15,8 +15,8 @@ from manip3d.rgbd import JOINTS, NOT_TRACKED, PARENTS, Skeleton
 _REST_S = 1.0  # seconds whose median is the position of rest
 _PARTS = 3  # parts of this second whose medians are compared
 # Largest movement between them as a multiple of that between two frames. In 99 of 100 seconds,
-# white noise stays below 1 and the slower noise of a Kinect V2 below 2.4; steady motion at 30 Hz has
-# 20.
+# white noise stays below 1 and the slower noise of a Kinect V2 below 2.4. Steady motion at 30 Hz
+# reaches 20.
 _NOISES = 3.0
 _SAMPLES = 5  # points of a bone, which are up to 4 cm apart
 
