@@ -316,6 +316,51 @@ def test_the_truth_of_a_scan_of_a_map_belongs_to_the_forged_file(
     assert truth["shift"] == (shift.tolist() if keeps_map else [0.0] * 3)
 
 
+@pytest.mark.parametrize("suffix", [".e57", ".ptx", ".pcd", ".ply", ".csv", ".las", ".npy", ".bin"])
+def test_the_truth_tells_places_in_the_points_of_the_forged_file(
+    suffix: str, hoax: Path, tmp_path: Path
+) -> None:
+    """E57 and PTX hold points relative to the scanner, and the box was not."""
+    for package in {".las": ["laspy"], ".e57": ["pye57"]}.get(suffix, []):
+        pytest.importorskip(package)
+    place = np.array([6.0, -4.0, 1.5])
+    source, output = tmp_path / "a.pcd", tmp_path / f"forged{suffix}"
+    dark = np.zeros(len(AHEAD), np.float32)
+    manip3d.LidarFrame(AHEAD + place.astype(np.float32), dark, origin=tuple(place)).write(source)
+    where = place + np.array([3.0, 1.0, 0.0])
+    made = run("forge", "lidar", "ctp", source, "-o", output, "--hoax", hoax,
+               "--position", *where, "--yaw", 0.3)  # fmt: skip
+    assert made.exit_code == 0, made.output
+    truth = json.loads(output.with_name(f"{output.name}.truth.json").read_text())
+    added = manip3d.io.read_scan(output).points[truth["added"]]
+    middle = (added.min(axis=0) + added.max(axis=0)) / 2.0
+    np.testing.assert_allclose(truth["box"]["center"], middle, atol=0.05)
+    placed = np.array(truth["transform"]) @ [0.0, 0.0, 0.0, 1.0]  # the middle of the ball
+    np.testing.assert_allclose(placed[:3], middle, atol=0.05)
+
+
+@pytest.mark.parametrize("attack", ["translation", "rotation", "subtract"])
+def test_the_transform_moves_points_of_the_forged_file(
+    attack: str, hoax: Path, tmp_path: Path
+) -> None:
+    place = np.array([6.0, -4.0, 1.5])
+    source, output = tmp_path / "a.pcd", tmp_path / "forged.ptx"
+    dark = np.zeros(len(AHEAD), np.float32)
+    manip3d.LidarFrame(AHEAD + place.astype(np.float32), dark, origin=tuple(place)).write(source)
+    manip3d.io.read_scan(source).write(tmp_path / "a.ptx")
+    options = used(attack, hoax) | {"yaw": (0.1,), "allow_collision": ()}
+    options["box"] = tuple(np.add(options["box"], (*place, 0, 0, 0, 0)))
+    given = [word for name in ATTACKS[attack].options for word in words(name, options.get(name))]
+    made = run("forge", "lidar", attack, source, "-o", output, *given, "-q")
+    assert made.exit_code == 0, made.output
+    truth = json.loads((tmp_path / "forged.ptx.truth.json").read_text())
+    before = manip3d.io.read_scan(tmp_path / "a.ptx").points[truth["moved_from"]]
+    after = manip3d.io.read_scan(output).points[truth["moved"]]
+    transform = np.array(truth["transform"])
+    np.testing.assert_allclose(before @ transform[:3, :3].T + transform[:3, 3], after, atol=1e-4)
+    assert len(after) > 0 or np.array_equal(transform, np.eye(4))
+
+
 def test_the_origin_of_a_drive_on_a_map_is_that_of_its_files(tmp_path: Path) -> None:
     """The scanner stays, and the second scan is shifted near 0 by another amount than the first."""
     place = np.array([458_000.25, 5_429_000.5, 112.125])

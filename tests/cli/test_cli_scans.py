@@ -138,7 +138,7 @@ def test_lost_packets_are_told(tmp_path: Path) -> None:
     path.write_bytes(pcap(ethernet(udp_frame(each)) for each in packets))
     done = manip3d("convert", path, "-o", tmp_path / "cut")
     assert done.returncode == 0, done.stderr
-    assert f"pcap:{path}: scans have gaps by the loss of 1 packet\n" in done.stderr
+    assert f"pcap:{path}: scans have gaps, because 1 packet was lost\n" in done.stderr
     assert "lost packets 1" in run("info", path)
 
 

@@ -154,6 +154,18 @@ def test_a_scan_of_3dtk_without_a_pose_is_written(tmp_path: Path, name: str) -> 
     assert io.read_scan(tmp_path / name).points.tolist() == [[1, 2, 3], [4, 5, 6]]
 
 
+def test_a_folder_of_scans_loses_no_pose_without_a_word(tmp_path: Path) -> None:
+    """Only the first of several poses was told, and not of which scan it is."""
+    other = HEAD.replace("10 20 2 1", "-7 3 1 1").replace("10 20 2\n", "-7 3 1\n")
+    source = written(tmp_path, 2 * (HEAD + POINTS) + other + POINTS)
+    done = CliRunner().invoke(app, ["convert", str(source), "-o", str(tmp_path / "drive")])
+    assert done.exit_code == 0, done.output
+    told = [line for line in done.stderr.splitlines() if "the scanner stands at" in line]
+    assert [line.partition(".bin: ")[0] for line in told] == ["warning: 000000", "warning: 000002"]
+    assert "10.000 20.000 2.000" in told[0]
+    assert "-7.000 3.000 1.000" in told[1]
+
+
 def test_poses_are_kept_in_e57(tmp_path: Path) -> None:
     """All scans lay on each other: the poses of other formats were left out."""
     pye57 = pytest.importorskip("pye57")

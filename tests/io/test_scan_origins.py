@@ -139,9 +139,13 @@ def test_a_new_position_is_written_to_the_scans_own_format(tmp_path: Path) -> No
     assert np.abs(coordinates(again) - room(PLACE)).max() < 1e-5
 
 
-def test_points_of_ptx_that_were_not_measured_stay_where_they_are(tmp_path: Path) -> None:
+@pytest.mark.parametrize("suffix", [".e57", ".ptx"])
+def test_points_that_were_not_measured_stay_where_they_are(tmp_path: Path, suffix: str) -> None:
+    if suffix == ".e57":
+        pytest.importorskip("pye57")
     points = room(PLACE).astype(np.float32)
     points[7] = 0.0
-    LidarFrame(points, origin=tuple(PLACE)).write(tmp_path / "a.ptx")
-    again = io.read_scan(tmp_path / "a.ptx")
+    LidarFrame(points, origin=tuple(PLACE)).write(tmp_path / f"a{suffix}")
+    again = io.read_scan(tmp_path / f"a{suffix}")
+    assert again.num_empty == 1
     assert np.flatnonzero(~again.points.any(axis=1)).tolist() == [7]

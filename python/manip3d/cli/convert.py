@@ -56,8 +56,12 @@ def convert(
     Meshes: .obj, .ply, .off, .stl, .gltf, .glb; .3mf, .dae to read. Scans: .bin, .pcd, .ply, .3d,
     .las, .laz, .e57, .ptx, .xyz (.xyzi, .xyzn, .xyzrgb), .asc, .pts, .txt, .csv, .npy, .npz. A
     recording of a LiDAR (.pcap, .osf, .mcap) becomes a folder of scans in KITTI's layout; # chooses
-    one of several sensors or topics (drive.pcap#1). Coordinates change only with --unit or --up.
-    Several files go to a folder, in the format of --to.
+    one of several sensors or topics (drive.pcap#1). Several files go to a folder, in the format of
+    --to.
+
+    Coordinates of meshes change only with --unit or --up. Those of scans stay, but .e57 and .ptx
+    hold points relative to the scanner where its position is known, and this position in the pose;
+    what is read from them stays relative in other formats, and a warning states the pose.
 
     Example: manip3d convert head.obj -o head.glb --unit mm --up z
     """

@@ -68,7 +68,10 @@ def frames(
             yield from (frame for frame in read if frame is not None)
             refused = {k: v for k, v in recording.counters.items() if v and k in _REFUSED}
             if lost := recording.counters.get("lost_packets", 0):
-                terminal.warn(f"{uri}: scans have gaps by the loss of {counted(lost, 'packet')}")
+                were = "was" if lost == 1 else "were"
+                terminal.warn(
+                    f"{uri}: scans have gaps, because {counted(lost, 'packet')} {were} lost"
+                )
             if (damage := _damage(recording)) is not None:
                 raise damage
         terminal.say(f"refused: {refused}" if refused else "nothing was refused")
@@ -284,38 +287,44 @@ def _tell_left_out(names: list[str], suffix: str, terminal: Terminal) -> None:
         terminal.warn(f"{', '.join(told[:_MAX_TOLD])}{more} left out, which {suffix} does not hold")
 
 
-def tell_of_map(scan: LidarFrame, suffix: str, terminal: Terminal) -> None:
-    """Warn if map coordinates or the scanner's position are lost or are rarely read by programs."""
+def tell_of_map(scan: LidarFrame, suffix: str, terminal: Terminal, name: str = "") -> None:
+    """Warn if map coordinates or the scanner's position are lost or are rarely read by programs.
+
+    A name of one file of many precedes each warning.
+    """
+    for loss in (*_position_losses(scan, suffix), *_map_losses(scan, suffix)):
+        terminal.warn(f"{name}: {loss}" if name else loss)
+
+
+def _map_losses(scan: LidarFrame, suffix: str) -> Iterator[str]:
+    """Yield a sentence if coordinates of a map are lost or are rarely read by programs."""
     from manip3d.io._scan_tables import loses_map_coordinates, map_coordinates
 
     is_new = scan.format is not None and scan.format.name != "pcd"
     if suffix == ".pcd" and is_new and map_coordinates(scan, "pcd") is not None:
-        terminal.warn(
+        yield (
             "coordinates of 64 bits, which PCL and Open3D do not read in .pcd files: for these "
             "write .ply or .las"
         )
-    _tell_of_position(scan, suffix, terminal)
     if scan.format is not None and loses_map_coordinates(scan, suffix):
         shift = scan.format.to_file[:3, 3]
         place = " ".join(f"{value:.0f}" for value in shift)
-        terminal.warn(f"coordinates are written near 0: those of the map are {place} more")
+        yield f"coordinates are written near 0: those of the map are {place} more"
 
 
-def _tell_of_position(scan: LidarFrame, suffix: str, terminal: Terminal) -> None:
-    """Warn if a format does not hold the scanner's position or its pose, or states a wrong one."""
+def _position_losses(scan: LidarFrame, suffix: str) -> Iterator[str]:
+    """Yield a sentence if the scanner's position or pose is lost, or a wrong position is stated."""
     from manip3d._util.linear import quaternions
     from manip3d.io._scan_tables import lost_origin, lost_pose, states_wrong_origin
 
     if states_wrong_origin(scan, suffix):
-        terminal.warn(
-            f"where the scanner stood is not known; {suffix} files say that it is the origin"
-        )
+        yield f"where the scanner stood is not known; {suffix} files say that it is the origin"
     if (place := lost_origin(scan, suffix)) is not None:
-        terminal.warn(f"the scanner stands at {_millimetres(place)}, which {suffix} does not hold")
+        yield f"the scanner stands at {_millimetres(place)}, which {suffix} does not hold"
     if (pose := lost_pose(scan, suffix)) is not None:
         (turn,) = quaternions(pose[None, :3, :3])
         turned = " ".join(f"{value:.6f}" for value in turn)
-        terminal.warn(
+        yield (
             f"coordinates are the scanner's own, and {suffix} holds no pose; the scanner "
             f"stands at {_millimetres(pose[:3, 3])}, turned by the quaternion (w x y z) {turned}"
         )
@@ -329,6 +338,7 @@ def _write_folder(scans: Iterator[LidarFrame], output: Path, terminal: Terminal)
     """Write ``velodyne/000000.bin`` and so on, and ``times.txt`` if all scans have times."""
     from manip3d.io._files import atomic_write
     from manip3d.io._scan_files import names_left_out
+    from manip3d.io._scan_tables import lost_pose
 
     folder = output / "velodyne"
     count_written, times = 0, []
@@ -338,11 +348,14 @@ def _write_folder(scans: Iterator[LidarFrame], output: Path, terminal: Terminal)
     try:
         for number, scan in enumerate(scans):
             folder.mkdir(parents=True, exist_ok=True)  # not before there is a scan
-            _measured(scan, ".bin", terminal).write(folder / f"{number:06d}.bin")
-            # All scans of a recording usually have the same shift and the same position.
-            about = (*map_shift(scan).tolist(), scan.origin)
+            path = folder / f"{number:06d}.bin"
+            _measured(scan, ".bin", terminal).write(path)
+            # All scans of a recording usually have the same shift, position and pose.
+            pose = lost_pose(scan, ".bin")
+            turn = None if pose is None else pose.tobytes()
+            about = (*map_shift(scan).tolist(), scan.origin, turn)
             if about not in told:
-                tell_of_map(scan, ".bin", terminal)
+                tell_of_map(scan, ".bin", terminal, path.name)
             told.add(about)
             left_out |= dict.fromkeys(names_left_out(scan, ".bin"))
             count_written += 1

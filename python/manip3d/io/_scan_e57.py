@@ -19,6 +19,7 @@ from manip3d.io._scan_tables import (
     measured_points,
     near_zero,
     refuse_expansion,
+    seen_from,
 )
 from manip3d.lidar import LidarFrame, ScanFormat, map_shift
 
@@ -174,9 +175,9 @@ def _is_unplaced(file: Any, header: Any) -> bool:
 def write_all(frames: Sequence[LidarFrame], path: Path) -> None:
     """Write all scan positions; pye57 writes coordinates as 32-bit floats.
 
-    Points are relative to the scanner, whose position is written in the pose. Map coordinates are
-    shifted near 0, and the shift is written in the pose, too. Scans whose scanner position is not
-    known are marked by `_UNPLACED`.
+    Points are relative to the scanner, whose position is written in the pose; those that were not
+    measured stay at (0, 0, 0). Map coordinates are shifted near 0, and the shift is written in the
+    pose, too. Scans whose scanner position is not known are marked by `_UNPLACED`.
 
     Raises
     ------
@@ -226,7 +227,7 @@ def _fits(values: NDArray[Any], dtype: type[np.unsignedinteger[Any]]) -> bool:
 
 def _write_one(file: Any, frame: LidarFrame) -> None:
     stands = np.zeros(3) if frame.origin is None else np.array(frame.origin)
-    seen = frame.points.astype(np.float64) - stands
+    seen = seen_from(frame.points, stands)
     data: dict[str, NDArray[Any]] = {name: seen[:, i] for i, name in enumerate(_CARTESIAN)}
     if frame.intensity is not None:
         data["intensity"] = frame.intensity

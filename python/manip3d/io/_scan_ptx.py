@@ -18,6 +18,7 @@ from manip3d.io._scan_tables import (
     exact_coordinates,
     measured_points,
     near_zero,
+    seen_from,
     stored_coordinates,
 )
 from manip3d.lidar import LidarFrame, ScanFormat, map_shift
@@ -198,8 +199,7 @@ def _table_of(frame: LidarFrame, stands: Doubles) -> Doubles:
         intensity = frame.intensity.astype(np.float64)
     colors = [frame.fields[name] for name in color_names(frame, "ptx")]
     stored = stored_coordinates(frame, "ptx")
-    # Points at exactly (0, 0, 0) stay there, because they were not measured.
-    seen = np.where(stored.any(axis=1, keepdims=True), stored - stands, 0.0).astype(stored.dtype)
+    seen = seen_from(stored, stands).astype(stored.dtype)
     return np.column_stack([seen, intensity, *colors])
 
 

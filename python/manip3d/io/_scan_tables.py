@@ -575,6 +575,23 @@ def states_wrong_origin(frame: LidarFrame, suffix: str) -> bool:
     return suffix == ".ptx" or format_name(suffix) in _AT_SCANNER
 
 
+def seen_from(coordinates: NDArray[Any], place: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return coordinates relative to a place, such as that of the scanner.
+
+    Points at exactly (0, 0, 0) stay there, because they were not measured.
+    """
+    return np.where(coordinates.any(axis=1, keepdims=True), coordinates - place, 0.0)
+
+
+def place_in_pose(frame: LidarFrame, suffix: str) -> NDArray[np.float64] | None:
+    """Return the scanner's position in a frame if files of this suffix hold it in their pose.
+
+    Their points are relative to it. None if the position is not known, or for other suffixes.
+    """
+    is_relative = suffix.lstrip(".") in _POSED and frame.origin is not None
+    return np.array(frame.origin) if is_relative else None
+
+
 def lost_origin(frame: LidarFrame, suffix: str) -> NDArray[np.float64] | None:
     """Return the scanner's position in the coordinates of a file of this suffix, if it is lost.
 
