@@ -54,7 +54,7 @@ from manip3d.authenticate._verdict import (
 )
 from manip3d.cli.inspect import show
 from manip3d.lidar import Box, ScanFormat
-from manip3d.report._evidence import _drawn_regions, _how_many
+from manip3d.report._evidence import _drawn_regions, _how_many, _region_figure
 from real_data import RealData
 
 LATTICE = scans.lattice()
@@ -315,6 +315,11 @@ def test_every_region_of_the_accusing_detector_is_drawn(tmp_path: Path) -> None:
     )
     assert _drawn_regions(crowded)[0].place == 39
     assert _how_many(crowded) == "; the 24 most significant of 40, the table has all"
+    tiny = (replace(report_of.regions[0], p_value=0.0),)
+    certain = replace(found, detectors=(*found.detectors[:2], replace(report_of, regions=tiny)))
+    figure = _region_figure(pytest.importorskip("matplotlib.figure").Figure, certain)
+    assert figure is not None
+    assert figure.axes[0].get_title().endswith(", p-value below 1e-300")
 
 
 def test_edits_are_planted_in_the_scan_itself() -> None:

@@ -164,12 +164,12 @@ def test_the_unit_of_a_folder_is_stated_as_for_depth_images(walk: Path) -> None:
     ranges = {
         words: json.loads(manip3d(*order, *words).stdout)["range"]
         for words in (
-            (), ("--unit", "0"), ("--unit", "mm"), ("--unit", "tum"), ("--unit", "5000"),
-            ("--units-per-metre", "5000"), ("--units-per-metre", "tum"),
+            (), ("--unit", "0"), ("--unit", "0.00"), ("--unit", "mm"), ("--unit", "tum"),
+            ("--unit", "5000"), ("--units-per-metre", "5000"), ("--units-per-metre", "tum"),
         )
     }  # fmt: skip
     millimetres, *_, tum = ranges.values()
-    assert list(ranges.values()) == 3 * [millimetres] + 4 * [tum]
+    assert list(ranges.values()) == 4 * [millimetres] + 4 * [tum]
     assert tum == pytest.approx([far / 5 for far in millimetres], abs=0.0005)  # rounded to mm
     for unit in ("kinect-raw", "guess", "-1", "disparity:9", "foo"):
         refused = manip3d(*order, "--unit", unit)

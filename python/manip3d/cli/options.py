@@ -67,12 +67,20 @@ def _units_per_metre(text: str) -> float:
     from manip3d.io._depth_units import units_per_metre
 
     try:
-        number = 0.0 if str(text) in ("0", "0.0") else units_per_metre(text)
+        number = 0.0 if _is_zero(text) else units_per_metre(text)
     except ValueError:
         number = None
     if number is None:
         raise typer.BadParameter(f"expected {_KNOWN_UNITS}, got {text!r}")
     return number
+
+
+def _is_zero(text: str) -> bool:
+    """Return whether a text is the number 0, such as ``0.00``."""
+    try:
+        return float(text) == 0.0
+    except ValueError:
+        return False
 
 
 FolderUnits = Annotated[

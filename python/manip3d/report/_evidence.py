@@ -232,7 +232,7 @@ def _region_figure(figure_type: type[Figure], inspection: Inspection) -> Figure 
         across.scatter(degrees, np.degrees(above[old]), s=2, color="#0072B2", linewidths=0)
         along.scatter(far[old], there[old, 2], s=2, color="#0072B2", linewidths=0)
         _draw_lattice(along, inspection, far, there[:, 2])
-        said = "" if region.p_value is None else f", p <= {region.p_value:.1e}"
+        said = "" if region.p_value is None else f", p-value {p_text(region.p_value)}"
         across.set(
             title=f"detector {report.number}, region {place + 1}{said}",
             xlabel="azimuth, deg",
