@@ -186,6 +186,21 @@ def test_forensics_see_the_frames_that_only_the_cameras_accuse(accusing: Clock) 
     assert never.counts.skipped == {"forensics": 12}
 
 
+def test_the_verdict_of_a_drive_says_that_nobody_read_its_pictures() -> None:
+    """It passed as a drive without pictures does."""
+    unread = DriveMoment(FRAME, blind="needs the extra alert")
+    told = "; the cameras judged no frame: needs the extra alert"
+    assert watch_drive(AlertMonitor(), [DriveMoment(FRAME), unread]).reason.endswith(told)
+    assert "cameras" not in watch_drive(AlertMonitor(), [DriveMoment(FRAME)]).reason
+
+
+def test_one_judged_frame_is_not_no_frame(accusing: Clock) -> None:
+    monitor = AlertMonitor(rig=RIG, budget_s=math.inf, clock=accusing)
+    unread = DriveMoment(FRAME, blind="needs the extra alert")
+    seen = DriveMoment(FRAME, (PICTURE, PICTURE))
+    assert "judged no frame" not in watch_drive(monitor, [unread, seen]).reason
+
+
 def test_cameras_alone_do_not_convict_a_drive_that_forensics_clear(accusing: Clock) -> None:
     monitor = AlertMonitor(rig=RIG, budget_s=math.inf, clock=accusing)
     watched = watch_drive(monitor, drive_with_a_wall(first_forged=99))

@@ -777,3 +777,18 @@ def test_records_before_a_full_disk_stay() -> None:
     records.append({"frame": 1})
     assert list(records) == [{"frame": 0}, {"frame": 1}]
     assert len(records) == 2
+
+
+def test_a_quiet_run_says_that_the_cameras_judged_no_frame(
+    drive: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The warning was all that told it, and -q prints none."""
+    with_cameras(drive)
+    monkeypatch.delitem(sys.modules, "cv2", raising=False)
+    monkeypatch.setitem(sys.modules, "cv2", None)
+    page = tmp_path / "page.html"
+    told = "the cameras judged no frame: needs the extra alert"
+    order = ["alert", "run", str(drive), "-q"]
+    assert told in " ".join(CliRunner().invoke(app, [*order, "-o", str(page)]).stdout.split())
+    assert told in page.read_text()
+    assert told in json.loads(CliRunner().invoke(app, [*order, "--json"]).stdout)["reason"]

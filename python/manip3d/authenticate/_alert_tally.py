@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from manip3d._util.checked import checked
 from manip3d._util.shares import binomial_tail
 from manip3d._util.texts import counted
-from manip3d.authenticate._alert_verdict import Alert, WitnessReport, joined
+from manip3d.authenticate._alert_verdict import NO_PAIR, Alert, WitnessReport, joined
 from manip3d.authenticate._cross_modal import CLEAN_ACCUSED
 from manip3d.authenticate._watermark_files import StreamTally
 from manip3d.errors import InputError
@@ -83,6 +83,7 @@ class AlertTally:
         self._told = _Gravest()
         self._without_cameras = _Gravest()  # used if chance explains the cameras' accusations
         self._accused = self._seen = 0  # frames that the cameras accused and judged
+        self._why_blind = ""  # why nothing on this computer reads the pictures of the first frame
         self._stream = StreamTally()
 
     def __repr__(self) -> str:
@@ -104,9 +105,11 @@ class AlertTally:
         """
         self._told.add(alert.verdict, alert.reason)
         self._without_cameras.add(*_without_cameras(alert))
-        seen = alert.witnesses["cross-modal"].verdict
-        self._accused += seen == "tampered"
-        self._seen += seen not in _UNHEARD
+        cameras = alert.witnesses["cross-modal"]
+        self._accused += cameras.verdict == "tampered"
+        self._seen += cameras.verdict not in _UNHEARD
+        if cameras.verdict == "absent" and cameras.reason != NO_PAIR and not self._why_blind:
+            self._why_blind = cameras.reason
         if alert.watermark is None:
             self._stream.skip()
         else:
@@ -141,6 +144,8 @@ class AlertTally:
             stream, why = self._stream.verdict()
             if stream != "authentic":
                 verdict, reason = stream, f"watermark: {why}"
+        if self._why_blind and not self._seen:
+            note = f"; the cameras judged no frame: {self._why_blind}"
         return verdict, reason + note
 
 
