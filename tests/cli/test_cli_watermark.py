@@ -236,6 +236,39 @@ def test_organised_scans_and_scans_without_intensity_verify(
     assert same == (embedding == "detached" and suffix == ".pcd")
 
 
+def placed(path: Path, grid: str = "WIDTH 8000\nHEIGHT 1") -> Path:
+    """Write a PCD file whose scanner does not stand at the origin."""
+    rows = "".join(f"{x} {y} {z}\n" for x, y, z in scan(1).points.tolist())
+    path.write_text(
+        f"VERSION 0.7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\n{grid}\n"
+        f"VIEWPOINT 6 -4 1.5 1 0 0 0\nPOINTS 8000\nDATA ascii\n{rows}"
+    )
+    return path
+
+
+def test_a_lost_position_of_the_scanner_is_told(key: Path, tmp_path: Path) -> None:
+    source, known = placed(tmp_path / "a.pcd"), tmp_path / "known.bin"
+    with pytest.warns(UserWarning, match=r"the scanner stands at 6.000 -4.000 1.500, which .bin"):
+        assert run("embed", source, "--key", key, "-o", known).exit_code == 0
+    assert run("embed", source, "--key", key, "-o", tmp_path / "same.pcd").exit_code == 0
+    manip3d.io.read_scan(source).write(tmp_path / "a.ply")
+    with pytest.warns(UserWarning, match="where the scanner stood is not known"):
+        done = run("embed", tmp_path / "a.ply", "--key", key, "-o", tmp_path / "unknown.bin")
+    assert done.exit_code == 0
+
+
+def test_a_refused_format_is_told_before_what_it_would_lose(key: Path, tmp_path: Path) -> None:
+    """A warning of the grid, which is an error here, came before the format was refused."""
+    source = placed(tmp_path / "a.pcd", "WIDTH 4000\nHEIGHT 2")
+    done = run("embed", source, "--key", key, "-o", tmp_path / "a.las")
+    assert "expected a format that keeps float32 coordinates" in str(done.exception)
+
+
+def test_verify_says_what_of_a_pcd_is_not_signed() -> None:
+    said = " ".join(run("verify", "--help").stdout.split())
+    assert "the grid and the viewpoint of a PCD file, are not signed" in said
+
+
 def test_what_a_format_does_not_give_back_is_not_written(key: Path, tmp_path: Path) -> None:
     bare = manip3d.LidarFrame(scan(1).points)
     with manip3d.authenticate.KeyFile(key) as secret:

@@ -374,7 +374,7 @@ class Watermarker(Closing):
     that dropped, repeated and reordered ones are noticed. If a frame of another session comes
     before the session has ended, it is ``undecidable``, and so is the first frame with which the
     session that was left continues. `embed` and `verify` have separate states. Columns other than
-    coordinates and intensity are not protected.
+    coordinates and intensity are not protected, nor are the grid and the viewpoint of a PCD file.
 
     A scan still verifies after its points were reordered, after it was written as float32 and read
     again, and after it was written with as many decimals as float32 has, as in text. Coordinates in

@@ -30,6 +30,7 @@ from manip3d.authenticate._watermark_files import (
     RECORD_SUFFIX,
     all_drive_scans,
     as_stored,
+    check_keeps_signed,
     copy_rest_of_drive,
     drive_records_alone,
     drive_scans,
@@ -421,9 +422,11 @@ def _embed(
     time_ns: int | None,
     is_end: bool,
 ) -> EmbeddedScan:
-    copied = scan if marker.embedding == "detached" else None
+    frame = read_scan(scan)
+    is_detached = marker.embedding == "detached" or not frame.num_points
+    check_keeps_signed(frame, scan, target, is_detached=is_detached)  # before warnings of losses
     sent = marker.embed(
-        as_stored(read_scan(scan), target, unchanged=copied),
+        as_stored(frame, target, unchanged=scan if marker.embedding == "detached" else None),
         time_ns=time_ns,
         is_end=is_end,
         picture=None if picture is None else read_carrier(picture),

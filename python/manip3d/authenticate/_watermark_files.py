@@ -21,7 +21,7 @@ from manip3d.errors import InputError
 from manip3d.io import read_scan, write_scan
 from manip3d.io._files import atomic_pair, atomic_path, open_regular
 from manip3d.io._frame_times import drive_times
-from manip3d.io._scan_files import FOLDER_SUFFIXES, readable_scans, scan_paths
+from manip3d.io._scan_files import FOLDER_SUFFIXES, position_losses, readable_scans, scan_paths
 from manip3d.io._scan_tables import grid_of, lost_grid, scan_stem, scan_suffix
 from manip3d.lidar import LidarFrame
 
@@ -266,10 +266,10 @@ def as_stored(
 ) -> LidarFrame:
     """Return a scan as it will be read from its file; the watermark must sign this scan.
 
-    PCD keeps the grid of an organised scan. In other formats, which a warning states, and for
-    scans without a grid, ``num_dropped`` becomes 0 and ``file_rows`` None: points without
-    coordinates are not written, so that a reader drops none. KITTI's and nuScenes' formats have an
-    intensity, which is 0 if the scan has none.
+    PCD keeps the grid of an organised scan and the scanner's position. Warnings state that another
+    format does not. In these, and for scans without a grid, ``num_dropped`` becomes 0 and
+    ``file_rows`` None: points without coordinates are not written, so that a reader drops none.
+    KITTI's and nuScenes' formats have an intensity, which is 0 if the scan has none.
 
     Parameters
     ----------
@@ -309,6 +309,9 @@ def as_stored(
         intensity = np.zeros(frame.num_points, np.float32)
     stored = frame.replace(intensity=intensity)
     suffix = scan_suffix(target)
+    # Frames that were made in memory state no position, and nobody expects it in the file.
+    for loss in position_losses(frame, suffix) if frame.format is not None else ():
+        warnings.warn(loss, stacklevel=caller_level())
     if (sides := lost_grid(frame, suffix)) is not None:
         warnings.warn(
             f"the cloud's grid of {sides[1]} x {sides[0]} pixels is not kept in {suffix}: write "
@@ -377,21 +380,31 @@ def write_watermarked(
     shown = picture_path(target) if picture is None else path_of(picture)
     if picture is not None and sent.picture is None:
         raise InputError("picture: expected none for a watermark whose record no picture carries")
-    copies = source is not None and sent.is_detached and _is_same_format(source, target)
-    exact = sent.frame.exact is not None and not sent.is_detached
-    if not copies and not exact:
-        check_holds_float32(target)
+    check_keeps_signed(sent.frame, source, target, is_detached=sent.is_detached)
     companion = record_path(target) if sent.picture is None else shown
     told = sent.record if sent.picture is None else carrier_bytes(sent.picture)
     for file in (target, companion):
         file.parent.mkdir(parents=True, exist_ok=True)
     with atomic_pair(target, companion) as (temporary, beside):
-        if source is not None and copies:
+        if source is not None and sent.is_detached and _is_same_format(source, target):
             shutil.copyfile(source, temporary)
         else:
             write_scan(sent.frame, temporary)
         _check_reads_back(read_scan(temporary), sent.frame, target)
         beside.write_bytes(told)
+
+
+def check_keeps_signed(
+    frame: LidarFrame, source: Path | None, target: Path, *, is_detached: bool
+) -> None:
+    """Refuse a format of ``target`` that rounds the coordinates that a watermark signs.
+
+    A detached watermark signs a copy of ``source`` if that has the same format. Other watermarks
+    sign float64 coordinates as steps, which formats such as LAS keep.
+    """
+    copies = source is not None and is_detached and _is_same_format(source, target)
+    if not copies and (is_detached or frame.exact is None):
+        check_holds_float32(target)
 
 
 def _check_reads_back(read: LidarFrame, sent: LidarFrame, target: Path) -> None:

@@ -18,7 +18,6 @@ from manip3d.lidar import LidarFrame, map_shift
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from numpy.typing import NDArray
     from rich.console import Console
 
     from manip3d.capture import LidarSource
@@ -292,7 +291,9 @@ def tell_of_map(scan: LidarFrame, suffix: str, terminal: Terminal, name: str = "
 
     A name of one file of many precedes each warning.
     """
-    for loss in (*_position_losses(scan, suffix), *_map_losses(scan, suffix)):
+    from manip3d.io._scan_files import position_losses
+
+    for loss in (*position_losses(scan, suffix), *_map_losses(scan, suffix)):
         terminal.warn(f"{name}: {loss}" if name else loss)
 
 
@@ -310,28 +311,6 @@ def _map_losses(scan: LidarFrame, suffix: str) -> Iterator[str]:
         shift = scan.format.to_file[:3, 3]
         place = " ".join(f"{value:.0f}" for value in shift)
         yield f"coordinates are written near 0: those of the map are {place} more"
-
-
-def _position_losses(scan: LidarFrame, suffix: str) -> Iterator[str]:
-    """Yield a sentence if the scanner's position or pose is lost, or a wrong position is stated."""
-    from manip3d._util.linear import quaternions
-    from manip3d.io._scan_tables import lost_origin, lost_pose, states_wrong_origin
-
-    if states_wrong_origin(scan, suffix):
-        yield f"where the scanner stood is not known; {suffix} files say that it is the origin"
-    if (place := lost_origin(scan, suffix)) is not None:
-        yield f"the scanner stands at {_millimetres(place)}, which {suffix} does not hold"
-    if (pose := lost_pose(scan, suffix)) is not None:
-        (turn,) = quaternions(pose[None, :3, :3])
-        turned = " ".join(f"{value:.6f}" for value in turn)
-        yield (
-            f"coordinates are the scanner's own, and {suffix} holds no pose; the scanner "
-            f"stands at {_millimetres(pose[:3, 3])}, turned by the quaternion (w x y z) {turned}"
-        )
-
-
-def _millimetres(place: NDArray[np.float64]) -> str:
-    return " ".join(f"{value:.3f}" for value in place)
 
 
 def _write_folder(scans: Iterator[LidarFrame], output: Path, terminal: Terminal) -> None:

@@ -402,9 +402,10 @@ def verify(
     verdict is undecidable. In a drive, missing frames are noticed, also at its end. A single scan
     is judged by its content alone, whatever its place in a drive. In a folder, a record without
     its scan, or a file that holds no scan, is undecidable; a scan that was removed together with
-    its record is noticed in a drive only. Text files and arrays of a folder or drive (.csv, .npy)
-    are verified if a record is beside them. With several keys, the record states which one made
-    it.
+    its record is noticed in a drive only. Coordinates and intensities are verified; other columns,
+    and the grid and the viewpoint of a PCD file, are not signed. Text files and arrays of a folder
+    or drive (.csv, .npy) are verified if a record is beside them. With several keys, the record
+    states which one made it.
 
     Example: manip3d watermark verify signed --key sensor.key
     """

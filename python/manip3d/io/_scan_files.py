@@ -8,9 +8,10 @@ import os
 import re
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from manip3d._util.checked import checked
+from manip3d._util.linear import quaternions
 from manip3d._util.paths import in_order, is_hidden, path_of
 from manip3d.errors import InputError
 from manip3d.io import _scan_tables as tables
@@ -21,6 +22,10 @@ from manip3d.io._remote import is_url, local_copy, local_output
 from manip3d.io._scan_colors import color_names, renamed
 from manip3d.io._scan_tables import scan_suffix
 from manip3d.lidar import LidarFrame
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
 
 SCAN_SUFFIXES: tuple[str, ...] = (
     *tables.TABLE_SUFFIXES,
@@ -278,6 +283,26 @@ def write_scan(frame: LidarFrame, path: str | os.PathLike[str]) -> None:
 
             return _scan_npz.write(frame, local)
         return tables.write_table(frame, os.fspath(local))
+
+
+def position_losses(scan: LidarFrame, suffix: str) -> Iterator[str]:
+    """Yield a sentence if a file of this suffix does not hold the scanner's position or pose, or
+    states a wrong position."""
+    if tables.states_wrong_origin(scan, suffix):
+        yield f"where the scanner stood is not known; {suffix} files say that it is the origin"
+    if (place := tables.lost_origin(scan, suffix)) is not None:
+        yield f"the scanner stands at {_millimetres(place)}, which {suffix} does not hold"
+    if (pose := tables.lost_pose(scan, suffix)) is not None:
+        (turn,) = quaternions(pose[None, :3, :3])
+        turned = " ".join(f"{value:.6f}" for value in turn)
+        yield (
+            f"coordinates are the scanner's own, and {suffix} holds no pose; the scanner "
+            f"stands at {_millimetres(pose[:3, 3])}, turned by the quaternion (w x y z) {turned}"
+        )
+
+
+def _millimetres(place: NDArray[np.float64]) -> str:
+    return " ".join(f"{value:.3f}" for value in place)
 
 
 def names_left_out(frame: LidarFrame, suffix: str) -> list[str]:
