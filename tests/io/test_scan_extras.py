@@ -281,6 +281,43 @@ def test_lasers_of_las_are_rings(tmp_path: Path, name: str) -> None:
     assert np.array_equal(read_scan(tmp_path / "a.ply").ring, frame.ring)  # type: ignore[arg-type]
 
 
+@pytest.mark.parametrize(
+    ("names", "lasers"),
+    [
+        (("Ring", "ring"), "ring"),
+        (("channel", "ring"), "channel"),  # ring is negative
+        (("ring",), ""),
+    ],
+)
+def test_one_of_two_columns_of_lasers_is_the_ring(
+    tmp_path: Path, names: tuple[str, ...], lasers: str
+) -> None:
+    """In text one took the place of the other, and a negative one could not be read from it."""
+    header = laspy.LasHeader(point_format=6, version="1.4")
+    for name in names:
+        header.add_extra_dim(laspy.ExtraBytesParams(name, np.int16))
+    las = laspy.LasData(header)
+    las.points = laspy.ScaleAwarePointRecord.zeros(50, header=header)
+    las.x = np.arange(50) / 10
+    las[names[0]] = np.arange(50) % 16
+    las[names[-1]] = np.arange(50) % 8 - (0 if lasers == names[-1] else 3)
+    las.write(str(tmp_path / "a.las"))
+    frame = read_scan(tmp_path / "a.las")
+    frame.write(tmp_path / "b.las")
+    back = laspy.read(tmp_path / "b.las")
+    assert all(np.array_equal(back[name], las[name]) for name in names)
+    left = next(name for name in names if name != lasers)
+    for suffix in ("csv", "ply", "npz", "laz"):
+        frame.replace(format=None).write(tmp_path / f"c.{suffix}")
+        again = read_scan(tmp_path / f"c.{suffix}")
+        if lasers:
+            assert again.ring is not None
+            assert np.array_equal(again.ring, las[lasers])
+        else:
+            assert again.ring is None
+        assert np.array_equal(again.fields["other_ring"], las[left])
+
+
 @pytest.mark.parametrize("standard", [False, True])
 def test_angles_and_times_of_las_come_back_from_text(tmp_path: Path, standard: bool) -> None:
     """Text states no types; the angles of LAS 1.4 are counts, and its times of two kinds."""

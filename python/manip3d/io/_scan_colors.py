@@ -59,7 +59,9 @@ def renamed(frame: LidarFrame, name: str) -> LidarFrame:
     colours, or if the format has no names for them, or if it is the frame's own format.
 
     A frame read from LAS may have integer intensities beside a reflectance, which is the frame's
-    ``intensity``. The former become the field ``las_intensity``, or are dropped if all are 0.
+    ``intensity``. The former become the field ``las_intensity``, or are dropped if all are 0. A
+    field ``ring`` or ``Ring`` that is not the lasers' numbers becomes ``other_ring``, so that no
+    reader takes it for these: the frame has a ``ring``, or the field has negative numbers.
     """
     if frame.format is not None and frame.format.name == name:
         return frame
@@ -68,6 +70,9 @@ def renamed(frame: LidarFrame, name: str) -> LidarFrame:
         second = fields.pop("intensity")
         if second.any():
             fields["las_intensity"] = second
+    for key in [key for key in fields if key.lower() == "ring"]:
+        if frame.ring is not None or (fields[key] < 0).any():
+            fields["other_ring"] = fields.pop(key)
     _rename_normals(fields, name)
     found = find_colors(fields)
     if found is not None and (name == "pcd" or name in _NAMES):

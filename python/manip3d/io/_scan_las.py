@@ -72,7 +72,7 @@ def read(path: Path, limit: int) -> LidarFrame:
     layout = ScanFormat("las", header=told, to_file=near_zero(exact))
     points = measured_points(exact, layout, str(path))
     name = "reflectance" if "reflectance" in columns else "intensity"
-    ring = ring_name([n for n, v in columns.items() if v.ndim == 1 and v.dtype.kind in "iu"])
+    ring = ring_name([n for n, values in columns.items() if _may_be_lasers(values)])
     return LidarFrame(
         points=points,
         intensity=columns.pop(name).astype(np.float32),
@@ -82,6 +82,11 @@ def read(path: Path, limit: int) -> LidarFrame:
         exact=exact_coordinates(exact, points),
         format=layout,
     )
+
+
+def _may_be_lasers(values: NDArray[Any]) -> bool:
+    """Return whether a column can hold the numbers of the lasers, which are never negative."""
+    return values.ndim == 1 and values.dtype.kind in "iu" and bool((values >= 0).all())
 
 
 def write(frame: LidarFrame, path: Path) -> None:

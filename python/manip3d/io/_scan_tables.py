@@ -380,8 +380,11 @@ def _ring(by_name: dict[str, NDArray[Any]], kind: str, name: str) -> NDArray[Any
 
 
 def ring_name(names: Sequence[str]) -> str | None:
-    """Return the first of the names of columns that is one of the lasers' numbers; None: none."""
-    by_plain = {plain_name(name): name for name in reversed(names)}
+    """Return the name of the column with the lasers' numbers; None without one.
+
+    Of several variants of a name the plain one counts, or else the first.
+    """
+    by_plain = {plain_name(name): name for name in reversed(names)} | {name: name for name in names}
     return next((by_plain[name] for name in _RING if name in by_plain), None)
 
 
