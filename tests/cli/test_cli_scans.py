@@ -343,3 +343,11 @@ def test_info_names_the_unit_of_a_survey_in_feet(tmp_path: Path) -> None:
     found = manip3d("inspect", tmp_path / "survey.las", "--json")
     assert found.returncode == 4
     assert "in feet" in json.loads(found.stdout)["reason"]
+
+
+def test_helps_promise_no_more_than_is_done() -> None:
+    """Scans change their coordinates in E57 and PTX, and two edits are only examples."""
+    convert = " ".join(run("convert", "--help").split())
+    assert "Coordinates of meshes change only with --unit or --up." in convert
+    assert ".e57 and .ptx hold points relative to the scanner" in convert
+    assert "These two edits of a drive have no remark" in " ".join(run("inspect", "--help").split())
