@@ -394,7 +394,7 @@ def test_a_log_is_added_to_no_other_file(tmp_path: Path, content: bytes) -> None
 
 
 def test_a_key_without_a_diary_is_refused() -> None:
-    with pytest.raises(InputError, match="diary_key: expected a diary"):
+    with pytest.raises(InputError, match="diary_key: can only be given with diary"):
         phantom.run_live(diary_key="study.key", seconds=1.0)
 
 
