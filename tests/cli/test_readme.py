@@ -357,6 +357,8 @@ def test_other_lines_of_readme_name_what_is_there() -> None:
         elif words[0] == "sudo":
             assert words[1:3] == ["apt-get", "install"], line
             assert set(words[3:]) <= set(re.split(r"[\s,)]+", makefile)), line
+        elif "venv" in line:
+            assert words in (["python3", "-m", "venv", ".venv"], [".", ".venv/bin/activate"]), line
         else:
             assert words[:2] == ["pip", "install"], line
             extras = re.search(r"\[(.*)\]", words[2])

@@ -140,3 +140,10 @@ def _was_interrupted(error: BaseException) -> bool:
     while cause is not None and not isinstance(cause, KeyboardInterrupt):
         cause = cause.__cause__ or cause.__context__
     return cause is not None
+
+
+def why_blind(error: MissingExtraError | BrokenExtraError) -> str:
+    """Return why cameras are absent that only an extra can compare with the LiDAR."""
+    if isinstance(error, BrokenExtraError):
+        return str(error)
+    return f"needs the extra {error.extra} (pip install 'manip3d[{error.extra}]')"

@@ -11,6 +11,7 @@ from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from manip3d._util.checked import checked
+from manip3d._util.extras import why_blind
 from manip3d._util.mappings import ReadOnlyMapping
 from manip3d._util.texts import counted
 from manip3d.authenticate._alert import AlertMonitor
@@ -278,13 +279,6 @@ def _judged_unread(
         if moment.carrier is None:
             raise
         return judge(f"{why}; {error}")
-
-
-def why_blind(error: MissingExtraError | BrokenExtraError) -> str:
-    """Return why cameras are absent that only an extra can compare with the LiDAR."""
-    if isinstance(error, BrokenExtraError):
-        return str(error)
-    return f"needs the extra {error.extra} (pip install 'manip3d[{error.extra}]')"
 
 
 def _judged_if_seen(judge: Callable[..., Alert], moment: DriveMoment) -> Alert:

@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING, Any, Generic, NamedTuple, TypeVar
 import numpy as np
 
 from manip3d._util.checked import checked
+from manip3d._util.extras import why_blind
 from manip3d._util.linear import determinant, product
 from manip3d._util.paths import path_of
 from manip3d._util.times import SECOND_NS
 from manip3d.authenticate import TURN_S, DriveMoment, StereoRig, WatchedDrive, read_rigs
-from manip3d.authenticate._watch import why_blind
 from manip3d.capture._bag import (
     BagMessage,
     BagPicture,

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from manip3d._util.checked import checked
-from manip3d._util.extras import load
+from manip3d._util.extras import load, why_blind
 from manip3d._util.paths import path_of
 from manip3d._util.times import SECOND_NS
 from manip3d.authenticate import (
@@ -23,7 +23,6 @@ from manip3d.authenticate import (
     read_rigs,
 )
 from manip3d.authenticate._stereo import checked_pair
-from manip3d.authenticate._watch import why_blind
 from manip3d.authenticate._watermark_files import scans_to_read, scans_to_watch
 from manip3d.datasets.kitti import KittiFrame, open_kitti
 from manip3d.errors import BrokenExtraError, FormatError, InputError, MissingExtraError
