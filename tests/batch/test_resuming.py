@@ -437,8 +437,8 @@ VERBS: Mapping[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
         ("s0.3d", "s0.pose", "db.xml"),
     ),
     "view": (
-        ("SRC.obj", "-o", "out", "--calibration", "db.xml", "--color", "c.png"),
-        ("s0.obj", "s0.mtl", "skin.png", "db.xml", "c.png"),
+        ("SRC.pgm", "-o", "out", "--color", "c.png"),
+        ("s0.pgm", "c.png"),
     ),
     "convert": (
         ("SRC.obj", "-o", "out", "--calibration", "db.xml"),

@@ -1090,7 +1090,7 @@ def test_a_trigger_that_never_comes_and_seconds_that_are_none(tmp_path: Path) ->
     for before in (-1.0, 61.0, float("nan")):
         with pytest.raises(InputError, match="before: expected 0 to 60 seconds"):
             capture.record(there, tmp_path / "b", trigger=lambda _: True, before=before)
-    with pytest.raises(InputError, match="before: expected a trigger"):
+    with pytest.raises(InputError, match="before: can only be given with a trigger"):
         capture.record(there, tmp_path / "b", before=1.0)
 
 

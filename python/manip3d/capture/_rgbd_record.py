@@ -167,7 +167,7 @@ def record(
     if not 0.0 <= before <= _LONGEST_BEFORE:
         raise InputError(f"before: expected 0 to {_LONGEST_BEFORE:g} seconds, got {before}")
     if before and trigger is None:
-        raise InputError("before: can only be given with a trigger, got None")
+        raise InputError("before: can only be given with a trigger")
     place, kind = _place_of(path)
     if isinstance(source, RgbdSource):
         opened = source
