@@ -741,13 +741,13 @@ def test_reproduce_lists_what_is_missing(tmp_path: Path) -> None:
 
 def test_quiet_reproduction_prints_the_verdicts_and_their_data_alone(tmp_path: Path) -> None:
     """With -q it still told how to make a page of the results."""
-    order = ("reproduce", "table-6.1", "--scale", "quick", "--data", "simulated")
+    order = ("reproduce", "figure-7.8", "--scale", "quick", "--data", "simulated")
     done = manip3d(*order, "-o", tmp_path, "-q")
     assert "manip3d report" not in done.stdout + done.stderr
     assert "data" in done.stdout.split()
     assert "makes one page of it" in manip3d(*order, "-o", tmp_path).stderr
     (first, *_) = json.loads(manip3d(*order, "-o", tmp_path, "--json").stdout)["verdicts"][
-        "table-6.1"
+        "figure-7.8"
     ]
     assert set(first) == {"claim", "verdict", "data"}
 
