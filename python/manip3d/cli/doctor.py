@@ -13,19 +13,21 @@ import typer
 
 from manip3d._util.extras import DISTRIBUTIONS, EXTRAS, load, missing_modules
 from manip3d.cli.options import Json
-from manip3d.cli.terminal import Terminal, table
+from manip3d.cli.terminal import Progress, Terminal, table
 from manip3d.errors import Error
 
 if TYPE_CHECKING:
     from rich.console import Console
 
 
-def examine() -> list[dict[str, Any]]:
+def examine(progress: Progress | None = None) -> list[dict[str, Any]]:
     """Return the results of all checks, in the order of the output.
 
-    Each has ``what``, ``state`` ('ok', 'missing' or 'broken'), ``detail`` and ``cure``.
+    Each has ``what``, ``state`` ('ok', 'missing' or 'broken'), ``detail`` and ``cure``. The
+    packages of the extras take the time: they are imported.
     """
-    return [_core(), *_extras(), _recordings(), _pictures(), _viewer(), *_data(), *_settings()]
+    extras = _extras(progress)
+    return [_core(), *extras, _recordings(), _pictures(), _viewer(), *_data(), *_settings()]
 
 
 def _check(what: str, state: str, detail: str, cure: str = "") -> dict[str, Any]:
@@ -43,9 +45,11 @@ def _core() -> dict[str, Any]:
     return _check("core", "ok", f"{detail}, {len(os.sched_getaffinity(0))} cores")
 
 
-def _extras() -> list[dict[str, Any]]:
+def _extras(progress: Progress | None) -> list[dict[str, Any]]:
     checks = []
-    for extra, modules in EXTRAS.items():
+    for number, (extra, modules) in enumerate(EXTRAS.items()):
+        if progress is not None:
+            progress(number / len(EXTRAS), extra)
         absent = missing_modules(extra)
         if absent:
             cure = f"pip install 'manip3d[{extra}]'"
@@ -144,8 +148,9 @@ def doctor(as_json: Json = False) -> None:
 
     Example: manip3d doctor
     """
-    checks = examine()
     shell = Terminal(as_json=as_json)
+    with shell.progress("doctor") as progress:
+        checks = examine(progress)
     shell.result(checks, lambda console: show(console, checks))
     if any(check["state"] == "broken" for check in checks):
         raise typer.Exit(1)
