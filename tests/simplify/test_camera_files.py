@@ -96,13 +96,59 @@ def test_a_first_line_may_name_the_columns(tmp_path: Path) -> None:
     place.write_text("# of a tool\nTime,tx,ty,tz,qx,qy,qz,qw\n1.0,1,0,0,0,0,0,1\n1.5,2,0,0,0,0,0,1")
     (pose,) = simplify.poses_of_files(["1.50.png"], place)
     assert pose[0, 3] == 2
-    for head, told in (
-        ("timestamp, x, y, z, qw, qx, qy, qz", "expected finite numbers"),  # another order
-        ("x, y, z, qx, qy, qz, qw", "expected eight numbers"),
+    place.write_text("\n".join(["x, y, z, qx, qy, qz, qw", *lines]))
+    with pytest.raises(FormatError, match="expected names of the 9 columns below") as error:
+        simplify.poses_of_files(["000003.png"], place)
+    assert error.value.line == 1
+
+
+def test_columns_of_poses_are_taken_by_their_names(tmp_path: Path) -> None:
+    """Order and number of the columns are those of EuRoC, TUM-VI, Kalibr and Stray Scanner."""
+    place = tmp_path / "data.csv"
+    pose, axes = "1,2,3", ("x", "y", "z")
+    euroc = ",".join([f" p_RS_R_{a} [m]" for a in axes] + [f" q_RS_{a} []" for a in ("w", *axes)])
+    rest = "".join(f", v_RS_R_{a} [m s^-1], b_w_RS_S_{a} [rad s^-1], b_a_{a}" for a in axes)
+    stray = "timestamp, frame, x, y, z, qx, qy, qz, qw, fx, fy, cx, cy"
+    w_first, w_last = "0.6,0,0,0.8", "0,0,0.8,0.6"
+    for head, values in (
+        (f"#timestamp [ns],{euroc}", f"1403636579763555584,{pose},{w_first}"),
+        (f"#timestamp,{euroc}{rest}", f"1403636579763555584,{pose},{w_first},7,8,9,7,8,9,7,8,9"),
+        ("# timestamp tx ty tz qw qx qy qz", f"1403636579.763556 {pose} {w_first}"),
+        ("timestamp,tx,ty,tz,qw,qx,qy,qz", f"1403636579.763556,{pose},{w_first}"),
+        ("# time qx qy qz qw tx ty tz", f"1403636579.763556,{w_last},{pose}"),
+        ("# t [s] tx ty tz w x y z", f"1403636579.763556,{pose},{w_first}"),
+        ("# tx ty tz qw qx qy qz", f"{pose} {w_first}"),
+        ("#format: frame_id tx ty tz qw qx qy qz gps", f"1403636579763555584,{pose},{w_first},0"),
+        (stray, f"0.1, 1403636579763555584, {pose}, {w_last}, 5, 5, 3, 3"),
+        (f"{stray}, distortion_center_x", f"0.1, 1403636579763555584, {pose}, {w_last},5,5,3,3, "),
+        ("# the quaternion is x y z w", f"1403636579.763556,{pose},{w_last}"),
     ):
-        place.write_text("\n".join([head, *lines]))
-        with pytest.raises(FormatError, match=told):
-            simplify.poses_of_files(["000003.png"], place)
+        place.write_text(f"# of a tool\n{head}\n{values}\n")
+        (found,) = simplify.poses_of_files(["1403636579763555584.png"], place)
+        np.testing.assert_array_equal(found[:3, 3], [1, 2, 3], head)
+        turned = [[-0.28, -0.96, 0], [0.96, -0.28, 0], [0, 0, 1]]
+        np.testing.assert_allclose(found[:3, :3], turned, atol=1e-12, err_msg=head)
+
+
+@pytest.mark.parametrize(
+    ("head", "line", "told"),
+    [
+        ("# t tx ty tz q0 q1 q2 q3", 1, "expected names of the 8 columns below, tx ty tz qx"),
+        ("# quaternions are w x y z", 1, "in any order, got '# quaternions are w x y z'"),
+        ("# tx ty tz qw qx qy qz", 1, "expected names of the 8 columns"),  # there are 8 numbers
+        ("a,b,c,d,e,f,g,h", 1, "in any order, got 'a,b,c,d,e,f,g,h'"),
+        ("time,x,y,z,qw,qx,qy,qz,fx\n1,1,2,3,1,0,0,0,5", 3, "expected 9 fields, as in the lines"),
+        ("time,x,y,z,qw,qx,qy,qz\n1,1,2,3,1,,0,0", 2, "expected finite numbers"),
+    ],
+)
+def test_names_of_columns_that_are_not_understood(
+    head: str, line: int, told: str, tmp_path: Path
+) -> None:
+    """The order of the numbers matters: a wrong one gives poses that only look right."""
+    (tmp_path / "truth.txt").write_text(f"{head}\n1,1,2,3,1,0,0,0\n")
+    with pytest.raises(FormatError, match=told) as error:
+        simplify.poses_of_files(["1.png"], tmp_path / "truth.txt")
+    assert error.value.line == line
 
 
 def test_numbers_of_frames_have_the_poses_of_their_numbers(tmp_path: Path) -> None:
@@ -148,7 +194,7 @@ def test_all_images_of_a_mesh_have_one_unit(tmp_path: Path) -> None:
         ("1 2 3", r"expected eight numbers \(time tx ty tz"),
         ("1 0 0 0 0 0 0 2", "expected a quaternion of length 1"),
         ("1 0 0 nan 0 0 0 1", "expected finite numbers"),
-        ("a b c d e f g h", "expected finite numbers"),
+        ("1 b c d e f g h", "expected finite numbers with spaces or commas between them"),
         ("2 0 0 5 0 2 0 6 0 0 2 7", "expected a rigid transform"),
         ("0 0 0 0 0 0 1\n1 0 0 0 0 0 0 1", "as in the lines before"),
     ],

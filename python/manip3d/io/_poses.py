@@ -13,6 +13,14 @@ import numpy as np
 from manip3d._util.linear import determinant, product
 from manip3d._util.text_files import text_of
 from manip3d.errors import FormatError
+from manip3d.io._pose_columns import (
+    POSE,
+    columns_of,
+    fields_of,
+    filled,
+    names_another_order,
+    names_in,
+)
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -107,15 +115,11 @@ def trajectory(
 
     Eight numbers are a time and a translation with a quaternion, as in the TUM RGB-D benchmark;
     seven lack the time; twelve are the upper rows of a matrix, as in KITTI; sixteen are all of its
-    rows, as in Replica. Times are None unless a line has 8 numbers. The first line may name the
-    columns; the number of a frame beside the time, as in Stray Scanner's ``odometry.csv``, replaces
-    it.
+    rows, as in Replica. Times are None unless a line has 8 numbers. The first line or a comment
+    before it may name the columns, of which time and pose are then taken in any order, as in EuRoC
+    and Stray Scanner; the number of a frame replaces the time.
     """
-    header, columns = _header_of(place)
-    lines = _numbers_of_lines(place, header)
-    if "frame" in columns:
-        at = columns.index("frame")
-        lines = [(number, values[at:]) for number, values in lines]
+    lines = _lines_in_order(place)
     if not lines:
         raise FormatError("expected lines 'time tx ty tz qx qy qz qw', found none", file=str(place))
     width = len(lines[0][1])
@@ -132,7 +136,7 @@ def trajectory(
             poses.append(_checked_matrix([*values.reshape(-1, 4), *last], place, number))
             continue
         if not abs(np.linalg.norm(values[-4:], axis=-1) - 1) <= _UNIT_TOLERANCE:
-            text = "expected a quaternion of length 1 in the last four numbers"
+            text = "expected a quaternion of length 1 in qx, qy, qz and qw, the last four numbers"
             raise FormatError(text, file=str(place), line=number)
         pose = rigid(values[-7:])
         pose[:3, :3] = pose[:3, :3].T  # undoes the inversion by rigid()
@@ -210,33 +214,89 @@ def _numbers_in(value: Any) -> NDArray[np.float64]:
         return np.array(math.nan)
 
 
-_COLUMNS = re.compile(r"((time(stamp)?|t) )?(frame )?t?x t?y t?z qx qy qz qw")
+def _lines_in_order(place: Path) -> list[tuple[int, NDArray[np.float64]]]:
+    """Return the numbers of each line; where columns are named, those of time, if any, and pose.
 
-
-def _header_of(place: Path) -> tuple[int, list[str]]:
-    """Return the number of the line that names the columns, and their names; 0 if there is none."""
-    for number, line in enumerate(_text(place).splitlines(), start=1):
-        words = line.lower().replace(",", " ").split()
-        if words and not words[0].startswith("#"):
-            return (number, words) if _COLUMNS.fullmatch(" ".join(words)) else (0, [])
-    return 0, []
-
-
-def _numbers_of_lines(place: Path, header: int = 0) -> list[tuple[int, NDArray[np.float64]]]:
-    """Return line number and values of each line that is neither empty, header nor a comment."""
+    Raises
+    ------
+    FormatError
+        Names of columns are not understood, or a line has other columns or no finite numbers.
+    """
+    lines = _filled_lines(place)
+    rows = [(number, line) for number, line in lines if not _is_comment(line)]
+    heading = lines[: lines.index(rows[0])] if rows else []
+    if rows and _holds_words(rows[0][1]):
+        heading, rows = rows[:1], rows[1:]
+    if not rows:
+        return []
+    width = len(first := fields_of(rows[0][1]))
+    columns = _columns_named_in(heading, first, place)
     found = []
-    for number, line in enumerate(_text(place).splitlines(), start=1):
-        words = line.replace(",", " ").split()
-        if not words or words[0].startswith("#") or number == header:
-            continue
-        try:
-            values = np.array(words, dtype=np.float64)
-        except ValueError:
-            values = np.array([math.nan])
-        if not np.isfinite(values).all():
-            raise FormatError("expected finite numbers", file=str(place), line=number)
-        found.append((number, values))
+    for number, line in rows:
+        fields = fields_of(line)
+        if columns and len(fields) != width:
+            text = f"expected {width} fields, as in the lines before, got {len(fields)}"
+            raise FormatError(text, file=str(place), line=number)
+        chosen = [fields[column] for column in columns] or filled(fields)
+        found.append((number, _numbers(chosen, place, number)))
     return found
+
+
+def _columns_named_in(
+    heading: Sequence[tuple[int, str]], fields: Sequence[str], place: Path
+) -> tuple[int, ...]:
+    """Return the columns of time, if any, and pose; empty if no line of the heading names them.
+
+    ``fields`` are those of the first line of numbers. A comment that is not understood is refused
+    only if it names a quaternion in another order than the usual one.
+    """
+    for _, line in reversed(heading):
+        if columns := columns_of(names_in(line), fields):
+            return columns
+    for number, line in heading:
+        is_harmless = len(filled(fields)) in (12, 16) or not names_another_order(names_in(line))
+        if not (_is_comment(line) and is_harmless):
+            text = (
+                f"expected names of the {len(fields)} columns below, {' '.join(POSE)} among them "
+                f"in any order, got {line[:60]!r}"
+            )
+            raise FormatError(text, file=str(place), line=number)
+    return ()
+
+
+def _numbers_of_lines(place: Path) -> list[tuple[int, NDArray[np.float64]]]:
+    """Return line number and values of each line that is neither empty nor a comment."""
+    return [
+        (number, _numbers(filled(fields_of(line)), place, number))
+        for number, line in _filled_lines(place)
+        if not _is_comment(line)
+    ]
+
+
+def _filled_lines(place: Path) -> list[tuple[int, str]]:
+    lines = enumerate(map(str.strip, _text(place).splitlines()), start=1)
+    return [(number, line) for number, line in lines if line]
+
+
+def _is_comment(line: str) -> bool:
+    return line.startswith("#")
+
+
+def _holds_words(line: str) -> bool:
+    """Return whether a line holds words only, and neither numbers nor what begins like them."""
+    numbers = (re.match(r"[-+.]?\d|[-+]?(nan|inf)\b", field, re.I) for field in fields_of(line))
+    return not any(numbers)
+
+
+def _numbers(fields: Sequence[str], place: Path, line: int) -> NDArray[np.float64]:
+    try:
+        values = np.array(fields, dtype=np.float64)
+    except ValueError:
+        values = np.array([math.nan])
+    if not np.isfinite(values).all():
+        text = "expected finite numbers with spaces or commas between them"
+        raise FormatError(text, file=str(place), line=line)
+    return values
 
 
 def _is_lost(place: Path) -> bool:

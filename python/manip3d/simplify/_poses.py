@@ -45,8 +45,9 @@ def poses_of_files(
     poses : path-like
         One of five formats. (1) A trajectory file with lines ``time tx ty tz qx qy qz qw`` (camera
         to world) as in TUM's ``groundtruth.txt``, with the same lines without the time, or with the
-        numbers of a 3x4 or 4x4 matrix, row by row (KITTI, Replica); or Stray Scanner's
-        ``odometry.csv``, whose first line names its columns. (2) A folder with a 4x4 matrix
+        numbers of a 3x4 or 4x4 matrix, row by row (KITTI, Replica). If its first line or a comment
+        before the numbers names the columns, they may be in any order and others may be among them
+        (EuRoC's ``data.csv``, Stray Scanner's ``odometry.csv``). (2) A folder with a 4x4 matrix
         for each source: ``NAME.pose.txt`` (7-Scenes) for ``NAME.depth.png``, or ``NAME.txt``
         (ScanNet) for ``NAME.png``. (3) A ``.log`` of Redwood and Open3D: three whole numbers, of
         which the first is the frame's number, and a 4x4 matrix. (4) A Stanford ``.conf`` file,
