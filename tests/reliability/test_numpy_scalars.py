@@ -75,13 +75,49 @@ def test_whole_numbers_of_all_kinds(count: Any) -> None:
     assert Intrinsics(count, count, 9, 9, 5, 5).width == 60
 
 
-@pytest.mark.parametrize("kind", [RuntimeError, TypeError])
-def test_a_tensor_that_is_no_array_is_refused_with_its_own_advice(kind: type[Exception]) -> None:
+@pytest.mark.parametrize(
+    ("error", "advice"),
+    [
+        (RuntimeError("Use\ntensor.detach()"), r"Use tensor\.detach\(\)$"),  # needs its gradient
+        (TypeError("Please use `.get()`"), r"Please use `\.get\(\)`$"),  # CuPy
+        (NotImplementedError("Cannot copy out of meta tensor"), "Cannot copy out of meta tensor$"),
+        (
+            TypeError("Got unsupported ScalarType BFloat16"),
+            "BFloat16; .* to float32 first$",
+        ),
+    ],
+)
+def test_a_tensor_that_is_no_array_is_refused_with_its_own_advice(
+    error: Exception, advice: str
+) -> None:
     """PyTorch says by its error that ``detach()`` or ``cpu()`` makes an array."""
 
     class Tensor:
         def __array__(self, *_: Any, **__: Any) -> NDArray[Any]:
-            raise kind("use tensor.cpu()")
+            raise error
 
-    with pytest.raises(InputError, match=r"vertices: expected an array: use tensor\.cpu"):
+        def __repr__(self) -> str:
+            return "tensor([[1.],\n        [2.]])"
+
+    told = "got an object of type Tensor, which NumPy cannot read: .*" + advice
+    with pytest.raises(InputError, match=f"vertices: expected an array, {told}"):
         Mesh(Tensor(), np.zeros((0, 3), int))  # type: ignore[arg-type]
+    camera = kernels.CAMERA
+    with pytest.raises(InputError, match=f"depth: expected an array of numbers, {told}"):
+        simplify.relief(Tensor(), camera, 60)  # type: ignore[arg-type]
+    with pytest.raises(InputError, match=f"confidence: expected an array .* or None, {told}"):
+        simplify.relief(kernels.DEPTH, camera, 60, confidence=Tensor())  # type: ignore[arg-type]
+    with pytest.raises(InputError, match=r"points: .*, got tensor\(\[\[1\.\], \[2\.\]\]\)$"):
+        simplify.relief(kernels.DEPTH, camera, Numbers())  # type: ignore[arg-type]
+    view = simplify.CameraView(Numbers(), camera)  # type: ignore[arg-type]
+    assert "depth=tensor([[1.], [2.]])," in repr(view)
+
+
+class Numbers:
+    """An array of another library, which NumPy can read."""
+
+    def __array__(self, *_: Any, **__: Any) -> NDArray[Any]:
+        return np.array([[1.0], [2.0]])
+
+    def __repr__(self) -> str:
+        return "tensor([[1.],\n        [2.]])"

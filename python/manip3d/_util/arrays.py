@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import reprlib
 import sys
 import warnings
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -38,6 +37,31 @@ def masked_elements(values: object) -> str:
     )
 
 
+CONVERSION_ERRORS = (TypeError, ValueError, OverflowError, RuntimeError)
+"""Errors of ``numpy.asarray``: rows of different lengths, or a tensor that NumPy cannot read."""
+
+
+def one_line(value: object, most: int = 80) -> str:
+    """Return a value's ``repr`` in one line of at most ``most`` characters."""
+    text = repr(value)
+    if "\n" in text:  # arrays of other libraries
+        text = " ".join(text.split())
+    return text if len(text) <= most else f"{text[: most - 3]}..."
+
+
+def unreadable_words(values: object, error: Exception) -> str:
+    """Return words on a value of which NumPy makes no array, with the cure of its own error.
+
+    Tensors of GPUs, and such that need their gradient, say in the error what to call first.
+    """
+    if not hasattr(values, "__array__"):
+        return one_line(values)
+    reason = " ".join(str(error).split())[:300]
+    if "bfloat16" in reason.lower():  # this error names no cure
+        reason += "; NumPy has no such numbers, convert them to float32 first"
+    return f"an object of type {type(values).__name__}, which NumPy cannot read: {reason}"
+
+
 def as_array(values: ArrayLike, name: str) -> NDArray[Any]:
     """Return ``numpy.asarray(values)`` in this machine's byte order.
 
@@ -47,12 +71,9 @@ def as_array(values: ArrayLike, name: str) -> NDArray[Any]:
         raise InputError(f"{name}: expected an array without masked elements, got {masked}")
     try:
         array = np.asarray(values)
-    except (TypeError, ValueError) as error:  # for example rows of different lengths
-        if hasattr(values, "__array__"):  # a tensor of a GPU, whose error says what to do
-            raise InputError(f"{name}: expected an array: {error}") from error
-        raise InputError(f"{name}: expected an array, got {reprlib.repr(values)}") from error
-    except RuntimeError as error:  # a tensor that needs its gradient
-        raise InputError(f"{name}: expected an array: {error}") from error
+    except CONVERSION_ERRORS as error:
+        found = unreadable_words(values, error)
+        raise InputError(f"{name}: expected an array, got {found}") from error
     return array if array.dtype.isnative else array.astype(array.dtype.newbyteorder("="))
 
 
@@ -119,7 +140,7 @@ def vector(values: ArrayLike, size: int, name: str) -> NDArray[np.float64]:
     array = as_array(values, name)
     if array.shape != (size,) or array.dtype.kind not in "biuf" or not np.isfinite(array).all():
         words = {2: "two", 3: "three"}.get(size, str(size))
-        raise InputError(f"{name}: expected {words} finite numbers, got {values!r}")
+        raise InputError(f"{name}: expected {words} finite numbers, got {one_line(values)}")
     return array.astype(np.float64)
 
 

@@ -15,7 +15,12 @@ from typing import Any, Literal, TypeVar, cast, get_args, get_origin
 
 import numpy as np
 
-from manip3d._util.arrays import masked_elements
+from manip3d._util.arrays import (
+    CONVERSION_ERRORS,
+    masked_elements,
+    one_line,
+    unreadable_words,
+)
 from manip3d.errors import InputError
 
 _Checked = TypeVar("_Checked", bound=Callable[..., Any])
@@ -118,7 +123,7 @@ def _is_array(value: Any) -> bool:
         return False
     try:
         return np.asarray(value).dtype.kind in "biuf"
-    except (TypeError, ValueError, OverflowError):  # for example rows of different lengths
+    except CONVERSION_ERRORS:
         return False
 
 
@@ -263,5 +268,9 @@ def _shown(value: Any) -> str:
         return f"an array with {masked}"
     if isinstance(value, np.ndarray) and value.ndim:
         return f"an array of {value.dtype} of shape {value.shape}"
-    text = repr(value)
-    return text if len(text) <= 80 else f"{text[:77]}..."
+    if hasattr(value, "__array__") and not isinstance(value, np.ndarray | np.generic | type):
+        try:
+            np.asarray(value)
+        except CONVERSION_ERRORS as error:
+            return unreadable_words(value, error)
+    return one_line(value)

@@ -36,6 +36,10 @@ class _Short(reprlib.Repr):
             return f"<{array.shape} {array.dtype}>"
         return " ".join(np.array2string(array, precision=4, separator=", ").split())
 
+    def repr_instance(self, value: Any, level: int) -> str:
+        # Tensors of other libraries have several lines.
+        return " ".join(super().repr_instance(value, level).split())
+
 
 _SHORT = _Short()
 
