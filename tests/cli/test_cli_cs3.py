@@ -734,7 +734,11 @@ def test_a_mask_and_confidences_come_from_files(frame: Path, tmp_path: Path) -> 
     Image.fromarray(np.where(left, 2, 0).astype(np.uint8)).save(levels)
     shares = tmp_path / "shares.npy"
     np.save(shares, left.astype(np.float32))
+    np.save(tmp_path / "floats.npy", np.where(left, 2.0, 0.0))  # levels
+    np.save(tmp_path / "wide.npy", np.where(left, 2, 0))
     asked = {
+        "floats": ("--confidence", tmp_path / "floats.npy", "--confidence-max", "2"),
+        "wide": ("--confidence", tmp_path / "wide.npy", "--confidence-max", "2"),
         "levels": ("--confidence", levels, "--confidence-max", "2"),
         "shares": ("--confidence", shares),
         "plain": (),
@@ -744,6 +748,7 @@ def test_a_mask_and_confidences_come_from_files(frame: Path, tmp_path: Path) -> 
         assert manip3d(*base, "-q", "-o", tmp_path / "x.ply", *options).returncode == 0
         meshes[name] = (tmp_path / "x.ply").read_bytes()
     assert meshes["levels"] == meshes["shares"] != meshes["plain"]
+    assert meshes["levels"] == meshes["floats"] == meshes["wide"]
 
 
 def test_pixels_without_confidence_that_are_left_out_are_counted(tmp_path: Path) -> None:
@@ -808,12 +813,19 @@ def test_an_image_without_depth_names_a_mask_only_where_there_is_one(tmp_path: P
 
 def test_wrong_maps_are_one_line(frame: Path, tmp_path: Path) -> None:
     small, levels, color = (tmp_path / name for name in ("small.npy", "levels.npy", "rgb.png"))
-    np.save(small, np.ones((9, 9), bool))
+    np.save(small, np.ones((9, 8), bool))
+    shares, wide = tmp_path / "shares.npy", tmp_path / "wide.npy"
+    np.save(shares, np.full((120, 160), 1.5))
+    np.save(wide, np.full((120, 160), 2, np.int64))
     np.save(levels, np.full((120, 160), 7, np.uint8))
     Image.fromarray(np.zeros((120, 160, 3), np.uint8)).save(color)
     base = ("depth", frame, "--points", "99", "--intrinsics", FOCAL, "-q", "-o", tmp_path / "x.ply")
     for options, message in (
-        (("--mask", small), "--mask: expected bool of shape (120, 160), got bool of (9, 9)"),
+        (("--mask", small), "--mask: expected 160 x 120 pixels, as the depth image has, got 8 x 9"),
+        (("--confidence", small), "--confidence: expected 160 x 120 pixels"),
+        (("--confidence", shares), "or levels with --confidence-max, got 1.5 to 1.5"),
+        (("--confidence", shares, "--confidence-max", "2"), "whole numbers, got other floats"),
+        (("--confidence", wide), "--confidence-max: expected the highest level"),
         (("--mask", color), "found no measured pixel of those that the mask leaves"),
         (("--mask", frame.with_name("none.png")), "none.png"),
         (("--confidence", levels, "--confidence-max", "2"), "--confidence-max: expected at least"),

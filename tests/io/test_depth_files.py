@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 
 from manip3d import FormatError, InputError
 from manip3d.io import read_depth, read_pixel_map
+from manip3d.io._depth_files import read_mask
 
 Image = pytest.importorskip("PIL.Image")
 
@@ -243,6 +244,75 @@ def test_masks_with_a_palette_may_have_alpha(tmp_path: Path) -> None:
     for name, alpha in (("none.png", None), ("one.png", 1), ("each.png", b"\xff\x00\x80")):
         image.save(tmp_path / name, **({} if alpha is None else {"transparency": alpha}))
         np.testing.assert_array_equal(read_pixel_map(tmp_path / name), [[0, 200], [90, 0]])
+
+
+MAP = np.array([[0, 1, 2], [2, 0, 1]])
+
+
+@pytest.mark.parametrize("dtype", ["?", "u1", "i1", "u2", "i2", "u4", "i4", "u8", "i8"])
+def test_maps_of_pixels_may_be_arrays_of_any_integers(dtype: str, tmp_path: Path) -> None:
+    np.save(tmp_path / "a.npy", MAP.astype(dtype))
+    found = read_pixel_map(tmp_path / "a.npy")
+    assert found.dtype == dtype
+    np.testing.assert_array_equal(found, MAP.astype(dtype))
+    np.testing.assert_array_equal(read_mask(tmp_path / "a.npy"), MAP != 0)
+    if dtype.startswith("i"):
+        np.save(tmp_path / "a.npy", MAP.astype(dtype) - 1)
+        with pytest.raises(FormatError, match="expected levels of at least 0, got -1"):
+            read_pixel_map(tmp_path / "a.npy")
+
+
+@pytest.mark.parametrize(
+    ("dtype", "found"), [("f2", "f4"), ("f4", "f4"), ("f8", "f8"), (">f4", "f4")]
+)
+def test_maps_of_pixels_may_be_arrays_of_floats(dtype: str, found: str, tmp_path: Path) -> None:
+    np.save(tmp_path / "a.npy", (MAP / 2).astype(dtype))
+    levels = read_pixel_map(tmp_path / "a.npy")
+    assert levels.dtype == found
+    np.testing.assert_array_equal(levels, MAP / 2)
+
+
+def test_maps_of_pixels_have_the_formats_of_depth_and_colour_images(tmp_path: Path) -> None:
+    path = tmp_path / "map.bin"  # the content decides
+    levels = MAP.astype(np.uint8)
+    picture = Image.fromarray(levels)
+    for kind in ("PNG", "TIFF", "BMP", "WEBP"):
+        picture.save(path, kind, **({"lossless": True} if kind == "WEBP" else {}))
+        np.testing.assert_array_equal(read_pixel_map(path), levels, kind)
+        np.testing.assert_array_equal(read_mask(path), levels != 0, kind)
+    path.write_bytes(b"P5 3 2 2\n" + levels.tobytes())
+    assert read_pixel_map(path).dtype == np.uint8
+    np.testing.assert_array_equal(read_pixel_map(path), levels)
+    path.write_bytes(b"Pf\n3 2\n-1.0\n" + levels[::-1].astype("<f4").tobytes())
+    np.testing.assert_array_equal(read_pixel_map(path), levels)
+    for arrays in ({"a": levels}, {"depth": DEPTH, "mask": levels}, {"x": 1, "conf": levels}):
+        np.savez_compressed(tmp_path / "a.npz", **arrays)
+        np.testing.assert_array_equal(read_pixel_map(tmp_path / "a.npz"), levels)
+    np.savez(tmp_path / "a.npz", x=levels, y=levels)
+    with pytest.raises(FormatError, match="or one named mask or confidence or conf, got x, y"):
+        read_pixel_map(tmp_path / "a.npz")
+
+
+def test_a_map_in_an_exr_file_is_its_only_channel(tmp_path: Path) -> None:
+    OpenEXR = pytest.importorskip("OpenEXR")
+    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    levels = (MAP / 2).astype(np.float32)
+    OpenEXR.File(header, {"Y": levels}).write(str(tmp_path / "a.exr"))
+    np.testing.assert_array_equal(read_pixel_map(tmp_path / "a.exr"), levels)
+
+
+def test_a_mask_may_be_a_lossy_webp(tmp_path: Path) -> None:
+    """Its black is not exactly 0 after the compression, as that of a JPEG is not."""
+    mask = np.zeros((64, 96), bool)
+    mask[16:48, 24:72] = True
+    levels = np.where(mask, 200, 0).astype(np.uint8) + np.random.default_rng(0).integers(
+        0, 8, mask.shape, np.uint8
+    )
+    for exif in (None, b"Exif\0\0MM\0*\0\0\0\x08\0\0"):  # with it, the file has more chunks
+        Image.fromarray(levels).save(tmp_path / "a.webp", **({"exif": exif} if exif else {}))
+        found = read_mask(tmp_path / "a.webp")
+        assert (found != mask).mean() < 0.01
+        assert (read_pixel_map(tmp_path / "a.webp") != 0).mean() > 0.9
 
 
 def big_tiff(depth: np.ndarray) -> bytes:

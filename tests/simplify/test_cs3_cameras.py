@@ -351,7 +351,7 @@ def test_masks_and_confidences_of_views() -> None:
     assert found.vertices[:, 2].min() == 3.0
     assert found.coverage == pytest.approx(believed.mean(), abs=0.01)
     for bad, message in (
-        (CameraView(depth, CAMERA, mask=left[1:]), r"views\[0\]\.mask: expected bool of shape"),
+        (CameraView(depth, CAMERA, mask=left[1:]), r"views\[0\]\.mask: expected shape"),
         (CameraView(depth, CAMERA, confidence=left), r"views\[0\]\.confidence: expected floats"),
     ):
         with pytest.raises(InputError, match=message):

@@ -285,10 +285,10 @@ def test_streams_take_the_mask_and_the_confidence_of_each_frame() -> None:
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"mask": np.ones((48, 63), bool)}, r"mask: expected bool of shape \(48, 64\)"),
-        ({"mask": np.ones((48, 64), np.uint8)}, r"mask: expected bool .*, got uint8"),
-        ({"confidence": np.ones((48, 64, 1))}, r"confidence: expected floats of shape \(48, 64\)"),
-        ({"confidence": np.ones((48, 64), np.uint8)}, "confidence_of_levels makes them"),
+        ({"mask": np.ones((48, 63), bool)}, r"mask: expected shape \(48, 64\), got \(48, 63\)"),
+        ({"mask": np.ones((48, 64), np.uint8)}, r"mask: expected bool, got uint8; `mask != 0` is"),
+        ({"confidence": np.ones((48, 64, 1))}, r"confidence: expected shape \(48, 64\), got"),
+        ({"confidence": np.ones((48, 64), np.uint8)}, "floats, got uint8; confidence_of_levels"),
         ({"confidence": np.full((48, 64), 1.5)}, "confidence: expected 0 to 1, got 1.5 to 1.5"),
         ({"confidence": np.full((48, 64), -0.5)}, "confidence: expected 0 to 1"),
         (
@@ -313,11 +313,17 @@ def test_bad_maps(options: dict[str, NDArray[np.generic]], message: str) -> None
 def test_levels_of_cameras() -> None:
     levels = np.array([[0, 1, 2]], np.uint8)
     np.testing.assert_array_equal(simplify.confidence_of_levels(levels, 2), [[0, 0.5, 1]])
+    for dtype in (np.uint16, np.int8, np.int64, np.float16, np.float64):
+        found = simplify.confidence_of_levels(levels.astype(dtype), 2)
+        assert found.dtype == np.float32
+        np.testing.assert_array_equal(found, [[0, 0.5, 1]])
     for bad, highest, message in (
-        (levels, 1, "levels: expected at most 1, got 2"),
+        (levels, 1, "levels: expected whole numbers from 0 to 1, got 2"),
+        (levels.astype(int) - 1, 2, "levels: expected whole numbers from 0 to 2, got -1"),
+        (levels / 2, 2, r"levels: expected whole numbers from 0 to 2, got 0\.5"),
+        (levels * np.nan, 2, "levels: expected whole numbers from 0 to 2, got nan"),
         (levels, 0, "highest: expected a whole number of at least 1"),
-        (levels.astype(np.float32), 2, "levels: expected unsigned integers"),
-        (levels[0], 2, "levels: expected unsigned integers"),
+        (levels[0], 2, r"levels: expected shape \(H, W\), got \(3,\)"),
     ):
         with pytest.raises(InputError, match=message):
             simplify.confidence_of_levels(bad, highest)

@@ -622,16 +622,16 @@ def depth(
     mask: Annotated[
         str,
         typer.Option(
-            help="Image or .npy of the same size: black (0) or transparent where the depth is not "
-            "to be used, in a JPEG darker than half. For several depth images, one mask for all or "
-            "a folder with one for each."
+            help="Image, .npy or .npz of the same size: black (0) or transparent where the depth "
+            "is not to be used, in a JPEG or WebP darker than half. For several depth images, one "
+            "mask for all or a folder with one for each."
         ),
     ] = "",
     confidence: Annotated[
         str,
         typer.Option(
-            help="Grey image or .npy of the same size: weight of each pixel's error, as levels "
-            "or 0 to 1 (--method relief). A pixel with weight 0 does not shape the surface; "
+            help="Grey image, .npy or .npz of the same size: weight of each pixel's error, as "
+            "levels or 0 to 1 (--method relief). A pixel with weight 0 does not shape the surface; "
             "triangles lie over it. Where only such pixels lie between depth steps, they are left "
             "out as by --mask. A file or a folder, as --mask."
         ),

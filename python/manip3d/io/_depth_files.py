@@ -124,40 +124,42 @@ def read_pixel_map(
     *,
     shape: tuple[int, ...] | None = None,
     max_pixels: int = MAX_PIXELS,
-) -> NDArray[np.bool_ | np.uint8 | np.uint16 | np.float32 | np.float64]:
+) -> NDArray[np.bool_ | np.integer[Any] | np.floating[Any]]:
     """Read one number per pixel of a depth image, such as a mask or confidences.
 
     Parameters
     ----------
     path : path-like or URL
-        PNG, TIFF or JPEG, or ``.npy`` of bool, uint8, uint16, float32 or float64. The format is
-        recognised by the content, not by the suffix.
+        PNG, TIFF, JPEG, BMP, WebP, PGM, ``.pfm``, ``.exr``, ``.npy`` or ``.npz``. The format is
+        recognised by the content, not by the suffix. Arrays may be of bool, integers or floats. Of
+        an ``.npz`` the only array is read, or the one that is named ``mask``, ``confidence`` or
+        ``conf``. The channel of an ``.exr`` is that of `read_depth`.
     shape : tuple of int, optional
-        Rows and columns of the depth image. A JPEG is turned upright by its EXIF data, unless only
-        the stored image has this aspect ratio.
+        Rows and columns of the depth image. A JPEG or WebP is turned upright by its EXIF data,
+        unless only the stored image has this aspect ratio.
     max_pixels : int
         Larger images are refused before any memory is allocated for them. The default is 2**25
         (33.5 million).
 
     Returns
     -------
-    (H, W) bool, uint8, uint16, float32 or float64
-        The stored values. Coloured and paletted images of 8 bits give the largest of red, green
-        and blue, and 0 where an alpha channel is 0: only black pixels and those outside of a
-        cut-out are 0. The transparency of a palette's colours is ignored. A JPEG has small numbers
-        where 0 was before its compression.
+    (H, W) bool, integers of at least 0, float32 or float64
+        The stored values, float16 as float32. Coloured and paletted images of 8 bits give the
+        largest of red, green and blue, and 0 where an alpha channel is 0: only black pixels and
+        those outside of a cut-out are 0. The transparency of a palette's colours is ignored. A JPEG
+        has small numbers where 0 was before its compression, as most WebP have.
 
     Raises
     ------
     FormatError
-        The file is damaged or not an image, has colours of 16 bits a channel, or has more than
-        ``max_pixels`` pixels.
+        The file is damaged or not an image, has colours of 16 bits a channel, negative integers or
+        more than ``max_pixels`` pixels.
     InputError
         ``max_pixels`` is not positive.
     OSError
         The file cannot be read.
     MissingExtraError
-        Pillow is not installed (PNG, TIFF and JPEG).
+        Pillow (PNG, TIFF, JPEG, BMP and WebP) or OpenEXR is not installed.
 
     Examples
     --------
@@ -173,7 +175,9 @@ def read_pixel_map(
 def read_mask(
     path: str | os.PathLike[str], *, shape: tuple[int, ...] | None = None
 ) -> NDArray[np.bool_]:
-    """Read the mask of a depth image: pixels of a map that are not 0, in a JPEG the bright ones.
+    """Read the mask of a depth image: pixels of a map that are not 0.
+
+    In images with a lossy compression (JPEG, WebP) they are the bright ones.
 
     For ``shape`` see `read_pixel_map`.
     """

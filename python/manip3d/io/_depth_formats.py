@@ -29,6 +29,10 @@ if TYPE_CHECKING:
 
 _PNG_OR_TIFF = (b"\x89PNG\r\n\x1a\n", b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 _JPEG = b"\xff\xd8\xff"
+_BMP = b"BM"
+_EXR = b"\x76\x2f\x31\x01"
+_NPY = b"\x93NUMPY"
+_ZIP = b"PK"
 _DARKEST = 15  # a mask whose pixels are not brighter is black, with the noise of its compression
 HEADER_BYTES = 1 << 20  # allowance for headers, colour profiles and text beside the pixels
 
@@ -46,18 +50,18 @@ def decode_depth(data: bytes, max_pixels: int, *, may_be_narrow: bool = False) -
     MissingExtraError
         Pillow is not installed (PNG and TIFF).
     """
-    if data.startswith(b"\x93NUMPY"):
+    if data.startswith(_NPY):
         return _depth_of_npy(data, max_pixels)
     if re.match(rb"P5[\s#]", data):
-        return _read_pgm(data, max_pixels, may_be_narrow)
+        return _read_pgm(data, max_pixels, may_be_narrow).astype(np.uint16)
     if data.startswith(_PNG_OR_TIFF):
         stored = _read_with_pillow(data, max_pixels, ("L",) if may_be_narrow else ())
         return _whole_depth(stored) if stored.dtype.kind in "iu" else stored
     if re.match(rb"P[fF]\s", data):
         return _read_pfm(data, max_pixels)
-    if data.startswith(b"PK"):
-        return _read_npz(data, max_pixels)
-    if data.startswith(b"\x76\x2f\x31\x01"):
+    if data.startswith(_ZIP):
+        return _depth_of_npy(_array_of_npz(data, max_pixels, ("depth",)), max_pixels)
+    if data.startswith(_EXR):
         return _read_exr(data, max_pixels)
     kinds = "a 16-bit PNG, PGM or TIFF, or a .pfm, .exr, .npy or .npz file"
     raise FormatError(f"expected {kinds}, got bytes that begin with {data[:8]!r}", byte_offset=0)
@@ -68,11 +72,11 @@ def decode_mask(
 ) -> NDArray[np.bool_]:
     """Return a mask (H, W): True where a map of pixels is neither 0 nor NaN; see `decode_map`.
 
-    The compression of a JPEG leaves small numbers where 0 was, so that a pixel of one has to be at
-    least half as bright as the brightest one, which is a grey in some masks.
+    A lossy compression (JPEG, WebP) leaves small numbers where 0 was, so that a pixel of one has to
+    be at least half as bright as the brightest one, which is a grey in some masks.
     """
     values = np.nan_to_num(decode_map(data, max_pixels, shape=shape))
-    if not data.startswith(_JPEG):
+    if not _is_lossy(data):
         return np.asarray(values != 0)
     return np.asarray(values > max(_DARKEST, int(values.max()) // 2))
 
@@ -82,24 +86,51 @@ def decode_map(
 ) -> NDArray[Any]:
     """Return the numbers (H, W) in the bytes of a map's file.
 
-    A JPEG is turned upright by its EXIF data, unless only the stored image has the aspect ratio of
-    ``shape`` (rows, columns), that of the depth image to which it belongs.
+    A JPEG or WebP is turned upright by its EXIF data, unless only the stored image has the aspect
+    ratio of ``shape`` (rows, columns), that of the depth image to which it belongs.
     """
-    if data.startswith(b"\x93NUMPY"):
-        return _read_npy(data, max_pixels, _MAP_DTYPES)
-    if data.startswith((*_PNG_OR_TIFF, _JPEG)):
+    if data.startswith(_NPY):
+        return _map_of_npy(data, max_pixels)
+    if data.startswith(_ZIP):
+        return _map_of_npy(_array_of_npz(data, max_pixels, _MAP_NAMES), max_pixels)
+    if re.match(rb"P5[\s#]", data):
+        return _read_pgm(data, max_pixels, may_be_narrow=True)
+    if re.match(rb"P[fF]\s", data):
+        return _read_pfm(data, max_pixels)
+    if data.startswith(_EXR):
+        return _read_exr(data, max_pixels)
+    if data.startswith((*_PNG_OR_TIFF, _JPEG, _BMP)) or _is_webp(data):
         levels = _read_with_pillow(data, max_pixels, ("1", "L"), ("P", "LA", "RGB", "RGBA"))
-        if data.startswith(_JPEG):
-            return upright(levels, _orientation_of_jpeg(data), shape)
-        if levels.dtype.kind != "i":
-            return levels
-        if levels.min() < 0:
-            raise FormatError(f"expected levels of at least 0, got {levels.min()}")
-        return _whole_depth(levels)
+        if data.startswith(_JPEG) or _is_webp(data):
+            return upright(levels, _orientation(data), shape)
+        return _whole_depth(_levels(levels)) if levels.dtype.kind == "i" else levels
     raise FormatError(
-        f"expected a PNG, TIFF or JPEG, or a .npy file, got bytes that begin with {data[:8]!r}",
+        "expected a PNG, TIFF, JPEG, BMP, WebP, PGM, .pfm, .exr, .npy or .npz file, got bytes that "
+        f"begin with {data[:8]!r}",
         byte_offset=0,
     )
+
+
+def _levels(numbers: NDArray[Any]) -> NDArray[Any]:
+    """Return the numbers of a map, of which negative ones are refused: they have no meaning."""
+    if numbers.dtype.kind == "i" and numbers.min() < 0:
+        raise FormatError(f"expected levels of at least 0, got {numbers.min()}")
+    return numbers
+
+
+def _is_webp(data: bytes) -> bool:
+    return data[:4] == b"RIFF" and data[8:12] == b"WEBP"
+
+
+def _is_lossy(data: bytes) -> bool:
+    """Return whether the compression of an image changes its numbers: in JPEG and most WebP."""
+    if not _is_webp(data):
+        return data.startswith(_JPEG)
+    start = 12
+    while start + 8 <= len(data) and data[start : start + 4] != b"VP8 ":
+        size = int.from_bytes(data[start + 4 : start + 8], "little")
+        start += 8 + size + size % 2  # chunks have even sizes
+    return start + 8 <= len(data)
 
 
 def _checked_size(rows: int, columns: int, max_pixels: int) -> None:
@@ -120,7 +151,7 @@ _PGM_HEADER = re.compile(
 )
 
 
-def _read_pgm(data: bytes, max_pixels: int, may_be_narrow: bool) -> NDArray[np.uint16]:
+def _read_pgm(data: bytes, max_pixels: int, may_be_narrow: bool) -> NDArray[np.uint8 | np.uint16]:
     header = _PGM_HEADER.match(data, 0, 8192)
     if header is None:
         raise FormatError("expected a PGM header 'P5 WIDTH HEIGHT MAXIMUM'", byte_offset=0)
@@ -138,7 +169,7 @@ def _read_pgm(data: bytes, max_pixels: int, may_be_narrow: bool) -> NDArray[np.u
     pixels = np.frombuffer(data, dtype, rows * columns, header.end()).reshape(rows, columns)
     if pixels.max() > largest:
         raise FormatError(f"expected values up to {largest}, got {pixels.max()}")
-    return pixels.astype(np.uint16)
+    return pixels.astype(dtype.newbyteorder("="))
 
 
 # --- PFM: floats, the lowest row first -----------------------------------------------------------
@@ -326,11 +357,13 @@ _DEPTH_DTYPES = (
     np.uint16, np.int16, np.uint32, np.int32, np.uint64, np.int64,
     np.float16, np.float32, np.float64,
 )  # fmt: skip
-_MAP_DTYPES = (np.bool_, np.uint8, np.uint16, np.float32, np.float64)
+_MAP_DTYPES = (np.bool_, np.uint8, np.int8, *_DEPTH_DTYPES)
+_MAP_NAMES = ("mask", "confidence", "conf")
+"""Names of the array of an archive that holds a map beside others."""
 
 
-def _read_npz(data: bytes, max_pixels: int) -> NDArray[Any]:
-    """Return the only array of an archive, or the one that is named ``depth``."""
+def _array_of_npz(data: bytes, max_pixels: int, known: tuple[str, ...]) -> bytes:
+    """Return the only array of an archive as a .npy file, or the first that has a known name."""
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
             arrays = {
@@ -338,28 +371,37 @@ def _read_npz(data: bytes, max_pixels: int) -> NDArray[Any]:
                 for entry in archive.infolist()
                 if entry.filename.endswith(".npy")
             }
-            entry = next(iter(arrays.values())) if len(arrays) == 1 else arrays.get("depth")
-            if entry is None:
+            found = [*arrays] if len(arrays) == 1 else [name for name in known if name in arrays]
+            if not found:
                 names = ", ".join(sorted(arrays)[:20]) or "none"
-                raise FormatError(f"expected one array, or one named depth, got {names}")
+                expected = " or ".join(known)
+                raise FormatError(f"expected one array, or one named {expected}, got {names}")
+            entry = arrays[found[0]]
             refuse_expansion(entry.file_size, len(data), byte_limit(None), "")
             with archive.open(entry) as member:
-                array = member.read(8 * max_pixels + HEADER_BYTES)
+                return member.read(8 * max_pixels + HEADER_BYTES)
     except Error:
         raise
     except Exception as error:  # zipfile and zlib raise various types for damaged files
         raise FormatError(f"damaged .npz: {str(error) or type(error).__name__}") from error
-    return _depth_of_npy(array, max_pixels)
 
 
 def _depth_of_npy(data: bytes, max_pixels: int) -> NDArray[Any]:
     """Return the depth image of a .npy file as uint16, float32 or float64."""
-    stored = _read_npy(data, max_pixels, _DEPTH_DTYPES)
+    stored = _with_single_floats(_read_npy(data, max_pixels, _DEPTH_DTYPES))
     if stored.dtype.kind == "f":
-        return stored.astype(np.float32) if stored.dtype.itemsize == 2 else stored
+        return stored
     if stored.dtype == np.uint16:
         return stored.astype(np.uint16, copy=False)
     return _whole_depth(stored)
+
+
+def _map_of_npy(data: bytes, max_pixels: int) -> NDArray[Any]:
+    return _levels(_with_single_floats(_read_npy(data, max_pixels, _MAP_DTYPES)))
+
+
+def _with_single_floats(stored: NDArray[Any]) -> NDArray[Any]:
+    return stored.astype(np.float32) if stored.dtype == np.float16 else stored
 
 
 def _whole_depth(stored: NDArray[Any]) -> NDArray[np.uint16]:
@@ -410,8 +452,9 @@ def _advice_on_shape(shape: tuple[int, ...]) -> str:
     return f"; the channels are first: array[k] is channel k{cloud}"
 
 
-# --- PNG and TIFF ------------------------------------------------------------------------------
+# --- Images that Pillow reads -------------------------------------------------------------------
 
+_PICTURES = ("PNG", "TIFF", "JPEG", "BMP", "WEBP")
 _BITS_PER_SAMPLE = 258  # number of this tag in TIFF
 
 
@@ -421,7 +464,7 @@ def _read_with_pillow(
     narrow_modes: tuple[str, ...] = (),
     color_modes: tuple[str, ...] = (),
 ) -> NDArray[Any]:
-    """Read a PNG, TIFF or JPEG with one channel of 16-bit integers or floats, or in a given mode.
+    """Read an image with one channel of 16-bit integers or floats, or in a given mode.
 
     Images of Pillow's modes ``narrow_modes`` are returned unchanged. Those of ``color_modes`` are
     reduced to the largest of red, green and blue, and to 0 where an alpha channel is 0.
@@ -430,7 +473,7 @@ def _read_with_pillow(
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error")  # files about which Pillow warns are refused
-            with pillow.open(io.BytesIO(data), formats=("PNG", "TIFF", "JPEG")) as image:
+            with pillow.open(io.BytesIO(data), formats=_PICTURES) as image:
                 _checked_size(image.height, image.width, max_pixels)
                 if image.mode in narrow_modes:
                     return np.array(image)
@@ -458,8 +501,8 @@ def _read_with_pillow(
     return stored.astype(np.uint16) if stored.dtype.kind == "u" else stored
 
 
-def _orientation_of_jpeg(data: bytes) -> int:
-    with imported("PIL.Image", "io").open(io.BytesIO(data), formats=("JPEG",)) as image:
+def _orientation(data: bytes) -> int:
+    with imported("PIL.Image", "io").open(io.BytesIO(data), formats=_PICTURES) as image:
         return orientation_of(image)
 
 

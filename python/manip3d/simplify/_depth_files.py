@@ -184,14 +184,14 @@ def simplify_depth_file(
         view, used as the texture.
     mask : path-like, optional
         An image of the same size, as `manip3d.io.read_pixel_map` reads it. Pixels where it is 0 or
-        NaN count as not measured, and those of a JPEG where it is darker than half of its brightest
-        pixel.
+        NaN count as not measured, and those of a JPEG or lossy WebP where it is darker than half of
+        its brightest pixel.
     confidence : path-like, optional
         An image of the same size with the confidence of each pixel (``relief``): floats from 0 to
-        1, or integer levels up to ``confidence_max``.
+        1, or whole numbers of any type up to ``confidence_max``.
     confidence_max : int, optional
         The level that stands for confidence 1; default: the largest number that the file's pixels
-        can hold.
+        can hold, if they are unsigned and have 1, 8 or 16 bits.
 
     Returns
     -------

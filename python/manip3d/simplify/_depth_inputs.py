@@ -96,29 +96,61 @@ class MapFiles:
     def read(self, shape: tuple[int, ...]) -> Maps:
         """Read the files; ``shape`` is that of the depth image."""
         highest = self.confidence_max
-        return Maps(
+        maps = Maps(
             None if self.color is None else read_color(self.color, shape),
             None if self.mask is None else read_mask(self.mask, shape=shape),
             None if self.confidence is None else _confidence(self.confidence, shape, highest),
         )
+        _expect_size(maps.mask, shape, "mask")
+        _expect_size(maps.confidence, shape, "confidence")
+        return maps
+
+
+def _expect_size(image: NDArray[Any] | None, shape: tuple[int, ...], name: str) -> None:
+    if image is not None and image.shape != shape:
+        raise InputError(
+            f"{name}: expected {shape[1]} x {shape[0]} pixels, as the depth image has, got "
+            f"{image.shape[1]} x {image.shape[0]}"
+        )
 
 
 def _confidence(path: Path, shape: tuple[int, ...], highest: int | None) -> NDArray[Any]:
+    """Read confidences: floats from 0 to 1, or levels up to ``highest`` of any number type."""
     found = read_pixel_map(path, shape=shape)
-    if found.dtype.kind == "f":
-        if highest is not None:
-            raise InputError(
-                "confidence_max: can only be given with whole numbers, got floats in the file"
-            )
-        return found
-    levels = found.astype(np.uint8) if found.dtype == np.bool_ else found
     if highest is None:
-        highest = 1 if found.dtype == np.bool_ else 2 ** (8 * levels.dtype.itemsize) - 1
+        if found.dtype.kind == "f":
+            _expect_shares(found)
+            return found
+        highest = _highest_level(found.dtype)
     if highest < 1:
         raise InputError(f"confidence_max: expected at least 1, got {highest}")
-    if levels.max() > highest:
-        raise InputError(f"confidence_max: expected at least {levels.max()}, got {highest}")
-    return confidence_of_levels(levels, highest)
+    if found.dtype.kind == "f" and not (found == np.floor(found)).all():
+        raise InputError(
+            "confidence_max: can only be given with whole numbers, got other floats in the file"
+        )
+    if found.max() > highest:
+        raise InputError(f"confidence_max: expected at least {found.max():.0f}, got {highest}")
+    return confidence_of_levels(found, highest)
+
+
+def _highest_level(dtype: np.dtype[Any]) -> int:
+    """Return the largest number that the pixels of a camera's levels can hold."""
+    if dtype == np.bool_:
+        return 1
+    if dtype not in (np.uint8, np.uint16):
+        raise InputError(
+            f"confidence_max: expected the highest level of confidence, as the file has {dtype}, "
+            "got none"
+        )
+    return int(np.iinfo(dtype).max)
+
+
+def _expect_shares(found: NDArray[Any]) -> None:
+    if ((found < 0) | (found > 1)).any():
+        raise InputError(
+            "confidence: expected floats from 0 to 1, or levels with confidence_max, got "
+            f"{np.nanmin(found):g} to {np.nanmax(found):g}"
+        )
 
 
 _CAMERAS_BESIDE = (

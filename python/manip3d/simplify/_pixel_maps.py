@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -22,7 +22,7 @@ def confidence_of_levels(levels: ArrayLike, highest: int) -> NDArray[np.float32]
 
     Parameters
     ----------
-    levels : (H, W) unsigned integers
+    levels : (H, W) whole numbers of at least 0, of any type
         Confidence levels; 0: the pixel is not used.
     highest : int
         Level of full confidence: 2 for ARKit, 15 for a RealSense L515, 255 for a grey image.
@@ -35,7 +35,8 @@ def confidence_of_levels(levels: ArrayLike, highest: int) -> NDArray[np.float32]
     Raises
     ------
     InputError
-        A wrong shape or dtype, ``highest`` below 1, or a level above ``highest``.
+        A wrong shape, ``highest`` below 1, or a level that is not whole, below 0 or above
+        ``highest``.
 
     Examples
     --------
@@ -44,16 +45,18 @@ def confidence_of_levels(levels: ArrayLike, highest: int) -> NDArray[np.float32]
     >>> simplify.confidence_of_levels(np.array([[0, 1, 2]], np.uint8), 2).tolist()
     [[0.0, 0.5, 1.0]]
     """
-    found = np.asarray(levels)
-    if found.ndim != 2 or found.dtype.kind != "u":
-        raise InputError(
-            f"levels: expected unsigned integers of shape (H, W), got {found.dtype} of "
-            f"{found.shape}"
-        )
+    found = as_array(levels, "levels")
+    if found.ndim != 2:
+        raise InputError(f"levels: expected shape (H, W), got {found.shape}")
     if isinstance(highest, bool) or not isinstance(highest, int | np.integer) or highest < 1:
         raise InputError(f"highest: expected a whole number of at least 1, got {highest!r}")
-    if found.size and found.max() > highest:
-        raise InputError(f"levels: expected at most {highest}, got {found.max()}")
+    is_level = (found >= 0) & (found <= highest)
+    if found.dtype.kind == "f":
+        is_level &= found == np.floor(found)
+    if not is_level.all():
+        raise InputError(
+            f"levels: expected whole numbers from 0 to {highest}, got {found[~is_level][0]}"
+        )
     return (found / np.float64(highest)).astype(np.float32)
 
 
@@ -64,10 +67,9 @@ def mask_image(
     if mask is None:
         return None
     found = as_array(mask, name)
-    if found.dtype != np.bool_ or found.shape != shape:
-        raise InputError(
-            f"{name}: expected bool of shape {shape}, got {found.dtype} of {found.shape}"
-        )
+    _expect_shape(found, shape, name)
+    if found.dtype != np.bool_:
+        raise InputError(f"{name}: expected bool, got {found.dtype}; `mask != 0` is one")
     return found
 
 
@@ -78,10 +80,11 @@ def confidence_image(
     if confidence is None:
         return None
     found = as_array(confidence, name)
-    if found.dtype.kind != "f" or found.shape != shape:
+    _expect_shape(found, shape, name)
+    if found.dtype.kind != "f":
         raise InputError(
-            f"{name}: expected floats of shape {shape}, got {found.dtype} of {found.shape}; "
-            "confidence_of_levels makes them from a camera's levels"
+            f"{name}: expected floats, got {found.dtype}; confidence_of_levels makes them from a "
+            "camera's levels"
         )
     if np.isnan(found).any():
         raise InputError(f"{name}: expected 0 to 1, got {np.isnan(found).sum()} NaN")
@@ -90,6 +93,11 @@ def confidence_image(
             f"{name}: expected 0 to 1, got {float(found.min())!r} to {float(found.max())!r}"
         )
     return np.ascontiguousarray(found, dtype=np.float32)
+
+
+def _expect_shape(found: NDArray[Any], shape: tuple[int, ...], name: str) -> None:
+    if found.shape != shape:
+        raise InputError(f"{name}: expected shape {shape}, got {found.shape}")
 
 
 def masked_depth(
