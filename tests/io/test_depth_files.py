@@ -154,7 +154,7 @@ HOSTILE = {
     "jpeg": (b"\xff\xd8\xff\xe0" + bytes(20), "got bytes that begin with"),
     "short png": (encoded("PNG")[:47], "damaged image"),
     "huge png": (png(2**31 - 1, 2**31 - 1), "."),
-    "wide png": (png(1 << 13, 1 << 13), "expected at most"),
+    "wide png": (png(1 << 13, (1 << 13) + 1), "expected at most"),
     "empty png": (png(0, 4), "."),
     "png without rows": (png(4, 4), "damaged image"),
     "png without pixels": (png(4, 4, rows=None), "damaged image: (?!list index)"),
@@ -440,8 +440,20 @@ def test_arguments_and_missing_files(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="max_pixels"):
         read_depth(path, max_pixels=0)
     path.write_bytes(encoded("PNG"))
-    with pytest.raises(FormatError, match="expected at most 5 pixels, got 3 x 2"):
+    with pytest.raises(FormatError, match=r"at most 5 pixels, got 3 x 2; .* bounds the memory: "):
         read_depth(path, max_pixels=5)
+
+
+def test_images_of_large_cameras_are_not_refused_by_their_size(tmp_path: Path) -> None:
+    """They have 45 and 61 megapixels. The header is read first, so that no pixels are needed."""
+    for columns, rows, told in (
+        (8192, 5464, "expected 89522176 bytes of pixels, got 0"),
+        (9504, 6336, "expected 120434688 bytes of pixels, got 0"),
+        (9504, 9504, "expected at most 67108864 pixels, got 9504 x 9504; the limit bounds the mem"),
+    ):
+        (tmp_path / "a.pgm").write_bytes(f"P5 {columns} {rows} 65535\n".encode())
+        with pytest.raises(FormatError, match=told):
+            read_depth(tmp_path / "a.pgm")
 
 
 @pytest.fixture(scope="module")

@@ -133,11 +133,19 @@ def _is_lossy(data: bytes) -> bool:
     return start + 8 <= len(data)
 
 
+def too_many_pixels(max_pixels: int, found: str) -> str:
+    """Return the reason to refuse a larger image, and what can be done."""
+    return (
+        f"expected at most {max_pixels} pixels, got {found}; the limit bounds the memory: keep "
+        "every second row and column, or read it with a larger max_pixels (io.read_depth)"
+    )
+
+
 def _checked_size(rows: int, columns: int, max_pixels: int) -> None:
     if not (rows > 0 and columns > 0):
         raise FormatError(f"expected at least one pixel, got {columns} x {rows}")
     if rows * columns > max_pixels:
-        raise FormatError(f"expected at most {max_pixels} pixels, got {columns} x {rows}")
+        raise FormatError(too_many_pixels(max_pixels, f"{columns} x {rows}"))
     check_points(rows * columns, "")
     limit = byte_limit(None)
     if limit and rows * columns > limit:  # a pixel takes at least one byte
