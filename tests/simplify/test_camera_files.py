@@ -122,6 +122,7 @@ def test_columns_of_poses_are_taken_by_their_names(tmp_path: Path) -> None:
         (stray, f"0.1, 1403636579763555584, {pose}, {w_last}, 5, 5, 3, 3"),
         (f"{stray}, distortion_center_x", f"0.1, 1403636579763555584, {pose}, {w_last},5,5,3,3, "),
         ("# the quaternion is x y z w", f"1403636579.763556,{pose},{w_last}"),
+        ("# run q1 of a robot, w up", f"1403636579.763556,{pose},{w_last}"),
     ):
         place.write_text(f"# of a tool\n{head}\n{values}\n")
         (found,) = simplify.poses_of_files(["1403636579763555584.png"], place)

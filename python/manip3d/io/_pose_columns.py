@@ -77,10 +77,13 @@ def columns_of(names: Sequence[str], fields: Sequence[str]) -> tuple[int, ...]:
 
 
 def names_another_order(names: Sequence[str]) -> bool:
-    """Return whether parts of a quaternion are named, and not in the order of `POSE`."""
+    """Return whether a quaternion is named, and not in the order of `POSE`.
+
+    One or two of its parts may be other words of a sentence.
+    """
     last = {
         name: at for at, name in enumerate(names) if name in POSE or _QUATERNION.fullmatch(name)
     }
-    if not any(name.startswith("q") for name in last):
+    if sum(name.startswith("q") for name in last) < 3:
         return False
     return sorted(last, key=last.__getitem__) != [name for name in POSE if name in last]
