@@ -1,11 +1,12 @@
 #include "capture/azure_calibration.hpp"
 
-#include <Eigen/Dense>
+#include <Eigen/LU>
 #include <array>
 #include <cmath>
 #include <string>
 
 #include "geometry/constants.hpp"
+#include "geometry/small_solvers.hpp"
 
 namespace manip3d {
 namespace {
@@ -175,12 +176,12 @@ std::array<double, 5> brown_fit(const Intrinsics& camera, const Lens& lens) {
     rest.push_back(seen.y() - y);
   }
   if (rest.size() < std::size_t{kAcross * kDown}) refuse_lens("colour");  // two rows per pixel
-  std::array<double, 5> k{};
-  Eigen::Matrix<double, Eigen::Dynamic, 5> a(static_cast<Eigen::Index>(rows.size()), 5);
+  Eigen::MatrixXd a(static_cast<Eigen::Index>(rows.size()), 5);
   for (std::size_t i = 0; i < rows.size(); ++i) a.row(static_cast<Eigen::Index>(i)) = rows[i];
   const Eigen::Map<const Eigen::VectorXd> b(rest.data(), a.rows());
-  Eigen::Map<Eigen::Matrix<double, 5, 1>>(k.data()) = a.colPivHouseholderQr().solve(b);
-  return k;
+  constexpr double kPrecision = 1e-12;
+  const Eigen::VectorXd k = least_squares(a, b, kPrecision).solution;
+  return {k[0], k[1], k[2], k[3], k[4]};
 }
 
 }  // namespace

@@ -2,6 +2,7 @@
 
 #include <Eigen/Cholesky>
 #include <Eigen/Eigenvalues>
+#include <Eigen/QR>
 
 namespace manip3d {
 
@@ -21,6 +22,17 @@ Eigen::Vector4d solve_symmetric(const Eigen::Matrix4d& a, const Eigen::Vector4d&
 Eigen::Vector<double, 6> solve_symmetric(const Eigen::Matrix<double, 6, 6>& a,
                                          const Eigen::Vector<double, 6>& b) {
   return a.ldlt().solve(b);
+}
+
+Eigen::Matrix<double, 6, 6> invert_symmetric(const Eigen::Matrix<double, 6, 6>& a) {
+  return a.ldlt().solve(Eigen::Matrix<double, 6, 6>::Identity());
+}
+
+LeastSquares least_squares(const Eigen::MatrixXd& a, const Eigen::VectorXd& b, double precision) {
+  Eigen::ColPivHouseholderQR<Eigen::MatrixXd> qr(a.rows(), a.cols());
+  qr.setThreshold(precision);
+  qr.compute(a);
+  return {qr.solve(b), qr.rank()};
 }
 
 }  // namespace manip3d

@@ -1,7 +1,6 @@
 #include "manip3d/metrics/range_image.hpp"
 
 #include <Eigen/Geometry>
-#include <Eigen/QR>
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -10,6 +9,7 @@
 #include <string>
 #include <vector>
 
+#include "geometry/small_solvers.hpp"
 #include "manip3d/error.hpp"
 #include "manip3d/geometry/parallel.hpp"
 #include "metrics/common.hpp"
@@ -64,6 +64,7 @@ Eigen::RowVector4d in_input_frame(const Eigen::RowVector4d& f, const Eigen::Vect
 /// residual is in units of t.
 Ratio fit_ratio(const Eigen::MatrixX3d& points, const Eigen::VectorXd& values) {
   constexpr int kRounds = 4;
+  constexpr double kFloatPrecision = 1e-6;  // relative, of 32-bit coordinates
   const Eigen::Index n = points.rows();
   Eigen::VectorXd weight = Eigen::VectorXd::Ones(n);
   Eigen::Matrix<double, 7, 1> solution;
@@ -72,13 +73,11 @@ Ratio fit_ratio(const Eigen::MatrixX3d& points, const Eigen::VectorXd& values) {
     system << points, Eigen::VectorXd::Ones(n),
         (points.array().colwise() * -values.array()).matrix();
     system.array().colwise() *= weight.array();
-    Eigen::ColPivHouseholderQR<Eigen::MatrixXd> qr(n, 7);
-    qr.setThreshold(1e-6);  // relative precision of 32-bit coordinates
-    qr.compute(system);
-    if (qr.rank() < 7) {
+    const LeastSquares fit = least_squares(system, values.cwiseProduct(weight), kFloatPrecision);
+    if (fit.rank < 7) {
       throw InputError("points: expected a scan that fixes its lines of sight, got a plane");
     }
-    solution = qr.solve((values.array() * weight.array()).matrix());
+    solution = fit.solution;
     weight = ((points * solution.tail<3>()).array() + 1.0).inverse();
   }
   Ratio ratio;

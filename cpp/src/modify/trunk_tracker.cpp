@@ -1,6 +1,5 @@
 #include "modify/trunk_tracker.hpp"
 
-#include <Eigen/Cholesky>
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
@@ -172,7 +171,7 @@ void TrunkTracker::fit(const Skeleton* joints, const SeenDepth& seen, double ela
     pose_->rotation = (small_turn(step.head<3>()) * pose_->rotation).normalized();
     pose_->translation += step.tail<3>();
   }
-  const Matrix6 covariance = equations.information.ldlt().solve(Matrix6::Identity());
+  const Matrix6 covariance = invert_symmetric(equations.information);
   turn_variance_ = covariance.topLeftCorner<3, 3>().trace() / 3.0;
 }
 
