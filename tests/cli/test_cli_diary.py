@@ -58,11 +58,11 @@ def test_a_study_from_enrolment_to_deletion(path: str, tmp_path: Path) -> None:
     assert (tmp_path / "tables" / "ratings.csv").read_text().count("\n") == 2
     ran("export", path, "-o", str(tmp_path / "P01.json"), "--participant", "P01")
     assert json.loads((tmp_path / "P01.json").read_text())["resourceType"] == "Bundle"
-    assert "mixed model: none so far (expected a score of somebody at each" in ran("analyse", path)
+    assert "mixed model: none so far (expected scores at baseline and at a" in ran("analyse", path)
     as_json = json.loads(ran("analyse", path, "--json"))
     assert as_json["scores"][0][0] == 20
     assert as_json["model"] is None
-    assert "a score of somebody at each" in as_json["why_no_model"]
+    assert as_json["why_no_model"] == "expected scores at baseline and at a later occasion"
     assert run("delete", path, "P01", entered="n\n").exit_code == 1
     assert "P01" in ran("list", path)
     ran("delete", path, "P01", "--yes")
@@ -73,12 +73,57 @@ def test_in_mid_study_the_reason_for_which_there_is_no_model_is_true(path: str) 
     ran("enrol", path, "P02", "--limb", "left-leg")
     for name in ("P01", "P02"):
         ran("rate", path, name, "--mcgill", RANKS, "--ppi", "3", "--occasion", "baseline")
-    assert "(expected a score of somebody at each occasion)" in ran("analyse", path)
+    assert "(expected scores at baseline and at a later occasion)" in ran("analyse", path)
     ran("rate", path, "P01", "--mcgill", RANKS, "--ppi", "3", "--occasion", "week-4")
     ran("rate", path, "P01", "--mcgill", RANKS, "--ppi", "3", "--occasion", "week-1")
     assert "(expected two participants with two scores each)" in ran("analyse", path)
     ran("rate", path, "P02", "--mcgill", RANKS, "--ppi", "3", "--occasion", "week-1")
     assert "two participants with two" not in ran("analyse", path)
+
+
+def of_index(pri: int) -> str:
+    """Answers of a McGill questionnaire with a small pain rating index."""
+    return ",".join("1" if group < pri else "0" for group in range(20))
+
+
+def fill_in(path: str, name: str, **indices: int) -> None:
+    for occasion, pri in indices.items():
+        ran("rate", path, name, "--mcgill", of_index(pri), "--ppi", "3", "--occasion",
+            occasion.replace("_", "-"))  # fmt: skip
+
+
+def test_two_occasions_are_analysed_without_the_third(path: str) -> None:
+    for name, before, after in (("P01", 20, 9), ("P02", 18, 12), ("P03", 15, 10)):
+        if name != "P01":
+            ran("enrol", path, name)
+        fill_in(path, name, baseline=before, week_4=after)
+    shown = ran("analyse", path)
+    assert "change to week 4, mixed model: -7.3 (95 %" in shown
+    assert "change to week 1, mixed model" not in shown
+    assert "week 1, paired differences: none so far (expected two participants with both" in shown
+    assert "change to week 4, paired differences of 3 participants: -7.3 (95 %" in shown
+    assert "not known so far (all participants with both scores have the same adherence)" in shown
+    found = json.loads(ran("analyse", path, "--json"))
+    assert (found["model_occasions"], found["why_no_model"]) == (["baseline", "week-4"], "")
+    assert found["model"]["changes"][0]["value"] == pytest.approx(-22 / 3)
+    assert found["why_not_paired"] == ["expected two participants with both scores, got 0", ""]
+
+
+def test_equal_changes_are_told_as_the_reason(path: str) -> None:
+    ran("enrol", path, "P02")
+    fill_in(path, "P01", baseline=20, week_4=10)
+    fill_in(path, "P02", baseline=18, week_4=8)
+    told = "week 4, paired differences: none so far (all 2 participants have the same change, -10"
+    assert told in ran("analyse", path)
+
+
+def test_who_had_no_pain_at_baseline_is_counted(path: str) -> None:
+    ran("enrol", path, "P02")
+    fill_in(path, "P01", baseline=20, week_4=5)
+    fill_in(path, "P02", baseline=0, week_4=20)
+    shown = ran("analyse", path)
+    assert "PRI down by 30 % or more: 1 of 2 with both scores" in shown
+    assert "of these, with PRI 0 at baseline, counted as without response: 1" in shown
 
 
 def test_touch_cues_and_the_felt_limb_are_shown(path: str) -> None:

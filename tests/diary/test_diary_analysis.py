@@ -224,6 +224,38 @@ def test_a_study_from_its_diary(tmp_path: Path) -> None:
     assert found.adherence_slope.p == pytest.approx(line.pvalue)
 
 
+def test_who_got_worse_from_zero_stays_among_the_participants(tmp_path: Path) -> None:
+    """Nothing falls from 0; without this participant all would have responded."""
+    scores = {"P01": (40, 10), "P02": (30, 10), "P03": (20, 5), "P04": (0, 40), "P05": (0, 0)}
+    with Diary(tmp_path / "d", create=True) as diary:
+        for name, (first, last) in scores.items():
+            diary.enrol(name, at=START)
+            diary.add_mcgill(name, ranks(first), 2, occasion="baseline", at=START)
+            diary.add_mcgill(name, ranks(last), 2, occasion="week-4", at=START)
+        found = analyse(diary, today=date(2026, 3, 8))
+    assert (found.responders_30.number, found.responders_30.of) == (3, 5)
+    assert (found.responders_50.number, found.responders_50.of) == (3, 5)
+
+
+def test_the_model_is_of_the_occasions_with_scores(tmp_path: Path) -> None:
+    scores = np.array([[40.0, 18.0], [30.0, 20.0], [50.0, 45.0]])
+    with Diary(tmp_path / "d", create=True) as diary:
+        for number, (first, last) in enumerate(scores.astype(int).tolist()):
+            diary.enrol(f"P{number}", at=START)
+            diary.add_mcgill(f"P{number}", ranks(last), 2, occasion="week-4", at=START)
+            assert analyse(diary).why_no_model == (
+                "expected scores at baseline and at a later occasion" if number == 0
+                else "expected two participants with two scores each" if number == 1
+                else ""
+            )  # fmt: skip
+            diary.add_mcgill(f"P{number}", ranks(first), 2, occasion="baseline", at=START)
+        found = analyse(diary)
+    assert found.model_occasions == ("baseline", "week-4")
+    assert found.model is not None
+    assert found.model.changes[0].value == pytest.approx(fit_mixed_model(scores).changes[0].value)
+    assert found.why_not_paired == ("expected two participants with both scores, got 0", "")
+
+
 def test_a_study_that_has_just_begun(tmp_path: Path) -> None:
     with Diary(tmp_path / "d", create=True) as diary:
         with pytest.raises(InputError, match="expected participants, got none"):
@@ -231,6 +263,7 @@ def test_a_study_that_has_just_begun(tmp_path: Path) -> None:
         diary.enrol("P01")
         found = analyse(diary)
     assert (found.model, found.paired, found.adherence_slope) == (None, (None, None), None)
+    assert found.why_no_slope == "expected three participants with both scores, got 0"
     assert (found.responders_30.of, found.responders_30.low, found.responders_30.high) == (0, 0, 1)
 
 

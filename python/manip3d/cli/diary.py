@@ -743,12 +743,15 @@ def analyse(path: File, key: Key = None, as_json: Json = False) -> None:
             "participants": list(found.identifiers),
             "scores": found.scores.tolist(),
             "model": None if found.model is None else _model(found),
+            "model_occasions": list(found.model_occasions),
             "why_no_model": found.why_no_model,
             "paired": [None if one is None else vars(one) for one in found.paired],
+            "why_not_paired": list(found.why_not_paired),
             "responders_30": vars(found.responders_30),
             "responders_50": vars(found.responders_50),
             "adherence": {name: vars(one) for name, one in found.adherence.items()},
             "adherence_slope": found.adherence_slope and vars(found.adherence_slope),
+            "why_no_slope": found.why_no_slope,
         },
         lambda console: _show_analysis(console, found),
     )
@@ -770,23 +773,45 @@ def _show_analysis(console: Console, found: DiaryAnalysis) -> None:
     simulated = sum(one.simulated for one in found.adherence.values())
     if simulated:
         console.print(f"sessions done{_left_out(simulated)}")
+    _show_changes(console, found)
+    _show_responders(console, found)
+    slope = found.adherence_slope
+    name = "change to week 4 with all sessions against none"
+    if slope is None:
+        console.print(f"{name}: not known so far ({found.why_no_slope})")
+    else:
+        console.print(f"{name}: {_interval(slope)}")
+
+
+def _show_changes(console: Console, found: DiaryAnalysis) -> None:
     if found.model is None:
         console.print(f"mixed model: none so far ({found.why_no_model})")
     else:
-        for name, change in zip(names[1:], found.model.changes, strict=True):
-            console.print(f"change to {name}, mixed model: {_interval(change)}")
-    for name, paired in zip(names[1:], found.paired, strict=True):
-        if paired is not None:
-            console.print(f"change to {name}, paired differences: {_interval(paired)}")
+        for name, change in zip(found.model_occasions[1:], found.model.changes, strict=True):
+            told = name.replace("-", " ")
+            console.print(f"change to {told}, mixed model: {_interval(change)}")
+    for told, paired, why in zip(
+        ("week 1", "week 4"), found.paired, found.why_not_paired, strict=True
+    ):
+        name = f"change to {told}, paired differences"
+        if paired is None:
+            console.print(f"{name}: none so far ({why})")
+        else:
+            people = counted(round(paired.df) + 1, "participant")
+            console.print(f"{name} of {people}: {_interval(paired)}")
+
+
+def _show_responders(console: Console, found: DiaryAnalysis) -> None:
     for least, share in ((30, found.responders_30), (50, found.responders_50)):
         if share.of:
             console.print(
-                f"PRI down by {least} % or more: {share.number} of {share.of} "
+                f"PRI down by {least} % or more: {share.number} of {share.of} with both scores "
                 f"(95 %: {share.low:.0%} to {share.high:.0%})"
             )
-    if found.adherence_slope is not None:
+    without_pain = sum(first == 0 and last == last for first, _, last in found.scores.tolist())
+    if without_pain:
         console.print(
-            f"change to week 4 with all sessions against none: {_interval(found.adherence_slope)}"
+            f"of these, with PRI 0 at baseline, counted as without response: {without_pain}"
         )
 
 

@@ -103,22 +103,29 @@ class DiaryAnalysis:
     scores : (N, 3) float64
         Pain rating index of each participant at baseline, week 1 and week 4; NaN: none.
     model : MixedModel or None
-        Mixed model of the scores; None: it cannot be fitted, and ``why_no_model`` says why.
+        Mixed model of the scores at ``model_occasions``; None: it cannot be fitted, and
+        ``why_no_model`` says why.
     paired : tuple of (Estimate or None)
         Mean changes from baseline to week 1 and to week 4 of participants with both scores, with
         the t interval of paired differences. This interval stays valid if participants respond
         differently. None: there are fewer than two of them, or all have the same change, which does
-        not show how changes vary.
+        not show how changes vary; ``why_not_paired`` says which.
     responders_30, responders_50 : Share
         Participants whose index fell by at least 30 or 50 % from baseline to week 4, among those
-        with both scores.
+        with both scores. A participant with an index of 0 at baseline counts as without response,
+        because nothing can fall from 0 and leaving out those who got worse would raise the share.
     adherence : mapping of str to Adherence
         Adherence of each participant.
     adherence_slope : Estimate or None
         Slope of the least-squares line of the index's change to week 4 over adherence, in points
-        per whole protocol. None: fewer than three participants, or equal adherence of all.
-    why_no_model : str
-        Reason for which the model cannot be fitted so far; empty if there is a model.
+        per whole protocol. None: fewer than three participants have both scores, or their adherence
+        is equal; ``why_no_slope`` says which.
+    why_no_model, why_no_slope : str
+        Reason for which there is no model or no slope so far; empty if there is one.
+    why_not_paired : tuple of str
+        The same reason for each entry of ``paired``.
+    model_occasions : tuple of str
+        Occasions of the model: baseline, and the later ones at which somebody has a score.
     """
 
     identifiers: tuple[str, ...]
@@ -130,6 +137,9 @@ class DiaryAnalysis:
     adherence: Mapping[str, Adherence]
     adherence_slope: Estimate | None
     why_no_model: str = ""
+    why_not_paired: tuple[str, ...] = ("", "")
+    why_no_slope: str = ""
+    model_occasions: tuple[str, ...] = OCCASIONS
 
     __repr__ = short_repr
 
@@ -296,11 +306,36 @@ def _share(number: int, of: int) -> Share:
 
 
 def _paired(before: NDArray[np.float64], after: NDArray[np.float64]) -> Estimate | None:
-    change = (after - before)[~np.isnan(after - before)]
-    if len(change) < 2 or np.ptp(change) == 0.0:
+    change = _changes(before, after)
+    if _why_not_paired(change):
         return None
     spread = float(np.std(change, ddof=1)) / math.sqrt(len(change))
     return _t_estimate(float(np.mean(change)), spread, len(change) - 1.0)
+
+
+def _changes(before: NDArray[np.float64], after: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the changes of the participants with both scores."""
+    change = after - before
+    return change[~np.isnan(change)]
+
+
+def _why_not_paired(change: NDArray[np.float64]) -> str:
+    """Return why changes have no interval of paired differences; empty if they have one."""
+    if len(change) < 2:
+        return f"expected two participants with both scores, got {len(change)}"
+    if np.ptp(change) == 0.0:
+        return (
+            f"all {len(change)} participants have the same change, {change[0]:+.0f}, which does "
+            "not show how changes vary"
+        )
+    return ""
+
+
+def _why_no_slope(change: NDArray[np.float64]) -> str:
+    """Return why no slope over adherence was fitted to the changes of those with both scores."""
+    if len(change) < 3:
+        return f"expected three participants with both scores, got {len(change)}"
+    return "all participants with both scores have the same adherence"
 
 
 def fit_slope(x: NDArray[np.float64], y: NDArray[np.float64]) -> Estimate | None:
@@ -369,26 +404,55 @@ def analyse(
         kept[person.identifier] = adherence(
             diary.sessions(person.identifier), person.enrolled, day, protocol=protocol
         )
-    model, why = None, ""
-    try:
-        model = fit_mixed_model(scores)
-    except InputError as error:  # there are too few scores so far
-        why = str(error).removeprefix("scores: ")
+    model, occasions, why = _fit_existing(scores)
     first, last = scores[:, 0], scores[:, -1]
-    both = ~np.isnan(first + last) & (first > 0)
-    fall = (first[both] - last[both]) / first[both]
+    both = ~np.isnan(first + last)
+    changes = [_changes(first, scores[:, which]) for which in (1, 2)]
     shares = np.array([kept[person.identifier].share for person in people])
+    slope = fit_slope(shares, last - first)
     return DiaryAnalysis(
         tuple(person.identifier for person in people),
         scores,
         model,
         tuple(_paired(first, scores[:, which]) for which in (1, 2)),
-        _share(int((fall >= 0.3 - 1e-12).sum()), int(both.sum())),
-        _share(int((fall >= 0.5 - 1e-12).sum()), int(both.sum())),
+        _responders(first[both], last[both], 0.3),
+        _responders(first[both], last[both], 0.5),
         kept,
-        fit_slope(shares, last - first),
+        slope,
         why,
+        tuple(map(_why_not_paired, changes)),
+        _why_no_slope(changes[-1]) if slope is None else "",
+        occasions,
     )
+
+
+def _fit_existing(
+    scores: NDArray[np.float64],
+) -> tuple[MixedModel | None, tuple[str, ...], str]:
+    """Fit the model to the occasions at which somebody has a score.
+
+    Returns
+    -------
+    MixedModel or None
+    tuple of str
+        The occasions of the model.
+    str
+        Reason for which there is no model; empty if there is one.
+    """
+    exist = np.asarray((~np.isnan(scores)).any(axis=0))
+    occasions = tuple(name for name, some in zip(OCCASIONS, exist, strict=True) if some)
+    if len(occasions) < 2 or not exist[0]:
+        return None, occasions, "expected scores at baseline and at a later occasion"
+    try:
+        return fit_mixed_model(scores[:, exist]), occasions, ""
+    except InputError as error:  # there are too few scores so far
+        return None, occasions, str(error).removeprefix("scores: ")
+
+
+def _responders(first: NDArray[np.float64], last: NDArray[np.float64], least: float) -> Share:
+    """Return the share of those whose score fell by at least a part of the first one."""
+    fell = (first > 0) & (first - last >= (least - 1e-12) * first)
+    return _share(int(fell.sum()), len(first))
 
 
 @checked
