@@ -760,6 +760,55 @@ def test_what_codecs_and_filters_repeat_is_not_accused(change: Any) -> None:
     assert ("never changes" if change is skipped_blocks else "from frame to frame") in found.reason
 
 
+def repetition_of(found: authenticate.StreamInspection) -> authenticate.StreamReport:
+    return next(each for each in found.detectors if each.name == "repetition")
+
+
+def test_a_small_part_that_is_frozen_is_processed() -> None:
+    """It fills no four regions of 32 pixels, and its place is not on their grid."""
+    frames = stream()
+    part = np.s_[100:160, 140:180]
+    for frame in frames[1:]:
+        frame.depth[part] = frames[0].depth[part]
+    found = authenticate.inspect_stream(frames)
+    assert (found.verdict, found.regions) == ("processed", ())
+    share = 60 * 40 / (240 * 320)
+    assert repetition_of(found).score == pytest.approx(share, rel=0.1)
+    assert f"{share:.0%} of the measured image never changes in 11 pairs" in found.reason
+
+
+def test_a_few_still_regions_are_only_told() -> None:
+    frames = stream()
+    part = np.s_[104:128, 144:168]  # nine regions of 8 pixels
+    for frame in frames[1:]:
+        frame.depth[part] = frames[0].depth[part]
+    found = authenticate.inspect_stream(frames)
+    assert found.verdict == "no_trace"
+    assert "depth changes in all but 9 of " in repetition_of(found).reason
+
+
+def test_coarse_depths_that_repeat_are_no_frozen_part() -> None:
+    """A far slanted wall in steps of 40 mm, which noise of 2 mm passes only near their ends."""
+    wall = 4000.0 + 3.0 * np.arange(320) + np.arange(240)[:, None]
+    frames = stream()
+    for number, frame in enumerate(frames):
+        noise = 2.0 * np.random.default_rng([8, number]).standard_normal(wall.shape)
+        coarse = np.rint((wall + noise) / 40.0) * 40.0
+        frame.depth[:, 210:] = coarse[:, 210:]
+    still = np.all([frame.depth == frames[0].depth for frame in frames], axis=0)
+    assert still[:, 210:].mean() > 0.5
+    assert repetition_of(authenticate.inspect_stream(frames)).verdict == "no_trace"
+
+
+def test_rough_surfaces_that_hardly_ever_change_are_no_frozen_part() -> None:
+    """Some whole regions of 8 pixels never change by chance if 98 % of the pixels do not."""
+    frames = stream()
+    for number, frame in enumerate(frames[1:], 1):
+        changes = np.random.default_rng([9, number]).random(frame.depth.shape) < 0.0018
+        frame.depth[:] = np.where(changes, frame.depth, frames[number - 1].depth)
+    assert repetition_of(authenticate.inspect_stream(frames)).verdict == "no_trace"
+
+
 def test_a_rendered_scene_before_a_fixed_camera_is_undecidable() -> None:
     """Without noise, all that does not move repeats, and silhouettes are sharp."""
     wall = 3000.0 + 2.0 * np.arange(320) + np.arange(240)[:, None]

@@ -1,4 +1,4 @@
-"""Find still backgrounds: parts of depth images that never change while other parts do."""
+"""Find parts of depth images that never change while others do: still backgrounds and people."""
 
 from __future__ import annotations
 
@@ -24,6 +24,11 @@ _LONG_RUN = 5  # frames; a camera that skips one or two is no evidence
 _MIN_AGAIN = 3  # frames; of measured depths not even one would come again by chance
 _MIN_REGIONS = 4  # of 1024 pixels, that are judged, and that never change
 _ONE_DEPTH = 0.95  # share of a region's measured pixels; a constant, no surface that was measured
+_SMALL_REGION = 8  # pixels; fits into the trunk of a person who is 4 m away
+_MIN_SMALL_VALID = 48  # of 64 pixels, measured in all frames
+_MIN_SMALL_REGIONS = 16  # as many pixels as one of the large regions has
+_ROUGH = 0.5  # share of neighbouring pixels with different depths; less is a surface of few depths
+_MAX_CHANCE = 0.01  # expected number of small regions that never change by chance
 
 
 def judge_repetition(frames: Sequence[RgbdFrame]) -> tuple[StreamReport, Mask]:
@@ -35,36 +40,73 @@ def judge_repetition(frames: Sequence[RgbdFrame]) -> tuple[StreamReport, Mask]:
         return StreamReport(
             "repetition", "undecidable", "too few frames follow each other"
         ), nothing
-    changes = np.zeros(tuple(-(-side // _REGION) for side in shape), np.int64)
-    valid = np.full(changes.shape, np.iinfo(np.int64).max)
+    changed = np.zeros(shape, np.bool_)
+    always = np.ones(shape, np.bool_)  # measured in all frames
+    valid = np.full(_by_region(always).shape, np.iinfo(np.int64).max)
     for a, b in pairs:
-        changes += _by_region(a.depth != b.depth)
-        valid = np.minimum(valid, _by_region((a.depth > 0) & (b.depth > 0)))
+        changed |= a.depth != b.depth
+        both = (a.depth > 0) & (b.depth > 0)
+        always &= both
+        valid = np.minimum(valid, _by_region(both))
     looked_at = valid >= _MIN_VALID
     if looked_at.sum() < _MIN_REGIONS:
         return StreamReport(
             "repetition", "undecidable", "too few pixels are measured in all frames"
         ), nothing
-    moving = (changes > 0).sum()
-    if moving == 0:
+    if not changed.any():
         return StreamReport("repetition", "processed", "all frames are the same", 1.0), nothing
-    looked_at &= ~_has_one_depth(pairs[0][0].depth)
-    frozen = looked_at & (changes == 0)
-    share = float(frozen.sum() / max(1, looked_at.sum()))
-    if frozen.sum() < _MIN_REGIONS or share < 0.05:
-        return _repeated_frames(frames, share), nothing
+    depth = pairs[0][0].depth
+    looked_at &= ~_has_one_depth(depth)
+    frozen = looked_at & (_by_region(changed) == 0)
+    is_background = frozen.sum() >= _MIN_REGIONS and frozen.sum() >= 0.05 * looked_at.sum()
+    small, num_small = _small_frozen(depth, changed, always)
+    if not is_background and small < _MIN_SMALL_REGIONS:
+        return _repeated_frames(frames, small, num_small), nothing
     # No evidence of an edit by itself: codecs and temporal filters repeat depths that hardly
     # change.
-    reason = f"{share:.0%} of the image never changes in {len(pairs)} pairs of frames"
-    return StreamReport("repetition", "processed", reason, share), _unfrozen(frames)
+    share = float((always & ~changed).sum() / always.sum())
+    reason = f"{share:.0%} of the measured image never changes in {len(pairs)} pairs of frames"
+    masks = _unfrozen(frames) if is_background else nothing
+    return StreamReport("repetition", "processed", reason, share), masks
 
 
-def _repeated_frames(frames: Sequence[RgbdFrame], share: float) -> StreamReport:
+def _small_frozen(depth: NDArray[np.uint16], changed: Mask, always: Mask) -> tuple[int, int]:
+    """Count the small regions that never change, and those that are judged.
+
+    A frozen person before a background that changes fills few large regions. Coarse depths of far
+    surfaces repeat by nature: surfaces of few depths are not judged. None are counted either if so
+    many pixels outside of these regions never change that whole regions would by chance.
+    """
+    measured = _by_region(always, _SMALL_REGION)
+    looked_at = (measured >= _MIN_SMALL_VALID) & _is_rough(depth, always)
+    frozen = looked_at & (_by_region(changed, _SMALL_REGION) == 0)
+    still = _by_region(always & ~changed, _SMALL_REGION)
+    outside = int(measured[~frozen].sum())
+    chance = float(still[~frozen].sum() / outside) if outside else 1.0
+    if looked_at.sum() * chance**_MIN_SMALL_VALID > _MAX_CHANCE:
+        return 0, int(looked_at.sum())
+    return int(frozen.sum()), int(looked_at.sum())
+
+
+def _is_rough(depth: NDArray[np.uint16], measured: Mask) -> Mask:
+    """Whether neighbouring pixels of each small region mostly have different depths."""
+    pairs = np.zeros(depth.shape, np.bool_)
+    pairs[:, 1:] = measured[:, 1:] & measured[:, :-1]
+    differ = pairs.copy()
+    differ[:, 1:] &= depth[:, 1:] != depth[:, :-1]
+    num_pairs = _by_region(pairs, _SMALL_REGION)
+    return np.asarray(_by_region(differ, _SMALL_REGION) >= _ROUGH * num_pairs)
+
+
+def _repeated_frames(frames: Sequence[RgbdFrame], still: int, num_regions: int) -> StreamReport:
     """Report on frames that are the same as others to the bit, while depth changes everywhere.
+
+    ``still`` of ``num_regions`` small regions never change, which are too few to matter.
 
     A rate that was raised shows each frame equally often. Longer runs, and frames that come again
     after others, are a frozen or looped recording.
     """
+    share = still / max(1, num_regions)
     whole = [frame for frame in frames if np.mean(frame.depth > 0) >= _MIN_MEASURED]
     first_of: dict[bytes, int] = {}
     firsts = [first_of.setdefault(_hash_of(frame), place) for place, frame in enumerate(whole)]
@@ -88,6 +130,8 @@ def _repeated_frames(frames: Sequence[RgbdFrame], share: float) -> StreamReport:
         return StreamReport("repetition", "processed", reason, share)
     num_same = len(firsts) - len(begins)
     reason = "depth changes everywhere"
+    if still:
+        reason = f"depth changes in all but {still} of {num_regions} regions"
     if num_same:
         reason += f", but {num_same} of {len(firsts)} frames are the same as the frame before"
     return StreamReport("repetition", "no_trace", reason, share)
@@ -97,18 +141,18 @@ def _hash_of(frame: RgbdFrame) -> bytes:
     return hashlib.blake2b(np.ascontiguousarray(frame.depth).data, digest_size=16).digest()
 
 
-def _by_region(mask: Mask) -> NDArray[np.int64]:
+def _by_region(mask: Mask, side: int = _REGION) -> NDArray[np.int64]:
     """Number of pixels of a mask in each region."""
-    return np.asarray(_regions(mask).sum(axis=2), np.int64)
+    return np.asarray(_regions(mask, side).sum(axis=2), np.int64)
 
 
-def _regions(image: NDArray[Any]) -> NDArray[Any]:
-    """Pixels of each region, (rows, columns, 1024); those beyond the border are 0."""
-    height, width = (-(-side // _REGION) * _REGION for side in image.shape)
+def _regions(image: NDArray[Any], side: int = _REGION) -> NDArray[Any]:
+    """Pixels of each region, (rows, columns, side * side); those beyond the border are 0."""
+    height, width = (-(-length // side) * side for length in image.shape)
     padded = np.zeros((height, width), image.dtype)
     padded[: image.shape[0], : image.shape[1]] = image
-    blocks = padded.reshape(height // _REGION, _REGION, width // _REGION, _REGION)
-    return blocks.swapaxes(1, 2).reshape(*blocks.shape[::2], _REGION**2)
+    blocks = padded.reshape(height // side, side, width // side, side)
+    return blocks.swapaxes(1, 2).reshape(*blocks.shape[::2], side**2)
 
 
 def _has_one_depth(depth: NDArray[np.uint16]) -> Mask:
