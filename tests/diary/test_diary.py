@@ -8,7 +8,10 @@ import json
 import os
 import random
 import re
+import shutil
 import sqlite3
+import subprocess
+import sys
 import time
 from collections.abc import Iterator
 from datetime import date, datetime, timedelta, timezone
@@ -24,7 +27,7 @@ pytest.importorskip("cryptography", reason="the extra 'diary' is not installed")
 
 import sqlalchemy as sql
 
-from manip3d.diary import Diary, DiaryGame, DiarySession, Protocol, adherence, make_key
+from manip3d.diary import Diary, DiaryGame, DiarySession, Protocol, adherence, export_csv, make_key
 from manip3d.diary import _schema as schema
 
 ZONE = timezone(timedelta(hours=-6))
@@ -925,6 +928,133 @@ def test_a_session_counts_on_the_day_on_which_its_games_were_played() -> None:
     assert (first.complete, first.days_played) == (0, 0)
     second = adherence([session], START + timedelta(days=1), START.date() + timedelta(days=1))
     assert (second.complete, second.days_played) == (1, 1)
+
+
+@pytest.fixture
+def read_only(diary: Diary, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Return the path of a filled diary whose folder is said to be one that cannot be written."""
+    fill(diary)
+    diary.close()
+    access = os.access
+    monkeypatch.setattr(
+        "manip3d.diary._file.os.access",
+        lambda path, mode: mode != os.W_OK and access(path, mode),
+    )
+    return diary.path
+
+
+def test_a_diary_that_cannot_be_written_is_read(read_only: Path, key: Path | None) -> None:
+    before = read_only.read_bytes()
+    with Diary(read_only, key=key) as diary:
+        assert [one.identifier for one in diary.participants()] == ["P01"]
+        assert diary.sessions("P01")
+        diary.check()
+        for write in (
+            lambda: diary.add_rating("P01", 3),
+            lambda: diary.enrol("P02"),
+            lambda: diary.delete("P01"),
+            lambda: diary.set_consent("P01", clips=False),
+        ):
+            with pytest.raises(OSError, match=r"the diary can only be read, .*: copy it into a"):
+                write()
+        with pytest.raises(OSError, match=r"can only be read, .*; nothing was exported, because"):
+            diary.note_export("P01")
+    assert read_only.read_bytes() == before
+    assert list(read_only.parent.glob(f"*{read_only.name}?*")) == []
+
+
+def test_a_diary_that_changes_while_it_can_only_be_read_is_told(
+    read_only: Path, key: Path | None
+) -> None:
+    """Another computer may write into a folder that this one can only read."""
+    diary = Diary(read_only, key=key)
+    with (
+        pytest.raises(OSError, match="another program wrote to the diary meanwhile"),
+        diary._file.begin(),
+    ):
+        os.utime(read_only, ns=(0, 0))
+
+
+def test_an_older_diary_that_cannot_be_written_is_not_read(
+    read_only: Path, key: Path | None
+) -> None:
+    with contextlib.closing(sqlite3.connect(read_only)) as plain:
+        plain.execute(f"PRAGMA user_version = {schema.VERSION - 1}")
+    with pytest.raises(OSError, match="an earlier manip3d wrote the diary, which must be changed"):
+        Diary(read_only, key=key)
+
+
+LEAVES_A_LOG = """
+import os, sqlite3, sys
+from manip3d.diary import Diary
+diary = Diary(sys.argv[1])
+other = sqlite3.connect(sys.argv[1])
+other.execute("SELECT count(*) FROM meta").fetchone()
+diary.add_rating("P01", 5)
+os._exit(9)
+"""
+READS = """
+import sys
+from manip3d.diary import Diary
+with Diary(sys.argv[1]) as diary:
+    print([rating.pain for rating in diary.ratings("P01")])
+"""
+
+
+def test_a_log_in_a_folder_on_a_disk_that_cannot_be_written_is_not_passed_over(
+    tmp_path: Path,
+) -> None:
+    folder = tmp_path / "study"
+    folder.mkdir()
+    path = folder / "study.diary"
+    with Diary(path, create=True) as diary:
+        diary.enrol("P01")
+        diary.add_rating("P01", 3)
+    mount = f"mount --bind {folder} {folder} && mount -o remount,ro,bind {folder} && exec "
+    namespace = ["unshare", "-rm", "sh", "-c"]
+    if subprocess.run([*namespace, f"{mount} true"], check=False).returncode:
+        pytest.skip("no mount namespaces here")
+
+    def read() -> subprocess.CompletedProcess[str]:
+        script = f'{mount} {sys.executable} -c "$0" {path}'
+        return subprocess.run([*namespace, script, READS], capture_output=True, text=True,
+                              check=False)  # fmt: skip
+
+    assert read().stdout == "[3]\n"
+    killed = subprocess.run([sys.executable, "-c", LEAVES_A_LOG, path], check=False)
+    assert killed.returncode == 9
+    assert read().stdout == "[3, 5]\n"
+    path.with_name("study.diary-shm").unlink()  # without this index, a log cannot be read
+    assert "study.diary-wal holds the last entries, and the folder cannot be" in read().stderr
+
+
+def test_an_export_that_the_audit_cannot_name_is_not_made(diary: Diary, tmp_path: Path) -> None:
+    """The disk of the diary is full; the export would have room."""
+    fill(diary)
+    with diary._file.begin() as rows:
+        pages = rows.connection.exec_driver_sql("PRAGMA page_count").scalar_one()
+    sql.event.listen(
+        diary._file.engine,
+        "connect",
+        lambda raw, _: raw.execute(f"PRAGMA max_page_count = {pages}"),
+    )
+    told = r"disk is full; nothing was exported, .*'manip3d diary rescue' copies the diary"
+    with contextlib.suppress(OSError):
+        for _ in range(1000):  # until the last page is full
+            diary.note_export("P01")
+    number = len(diary.audit())
+    with pytest.raises(OSError, match=told):
+        export_csv(diary, tmp_path / "tables")
+    assert not (tmp_path / "tables").exists()
+    assert len(diary.audit()) == number
+    note = tmp_path / "note.txt"
+    note.write_text("a" * 100)
+    with pytest.raises(OSError, match=r"disk is full; exported, but the diary does not list"):
+        diary.note_files("P01", [_copied(note, number) for number in range(300)])
+
+
+def _copied(file: Path, number: int) -> Path:
+    return Path(shutil.copyfile(file, file.with_name(f"{number} {file.name}")))
 
 
 def test_a_full_disk_leaves_no_part_of_a_new_diary(

@@ -260,8 +260,27 @@ def test_a_disk_that_fails_is_no_damage(kept: Path, monkeypatch: pytest.MonkeyPa
         Diary(kept)
     full = SimpleNamespace(f_bavail=3, f_frsize=4096)
     monkeypatch.setattr("manip3d.diary._file.os.statvfs", lambda _: full)
-    with pytest.raises(OSError, match="the disk is full, and a diary needs some room even to be"):
+    told = "the disk is full, and a diary needs some room even to be read; 'manip3d diary rescue'"
+    with pytest.raises(OSError, match=told):
         Diary(kept)
+
+
+def test_an_empty_log_of_a_full_disk_stops_no_rescue(
+    kept: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """To read a diary with a log, SQLite needs room for an index of the log."""
+    with contextlib.closing(sqlite3.connect(kept)) as raw:
+        raw.execute("PRAGMA journal_mode = WAL")
+    Path(f"{kept}-wal").touch()
+    modes, connected = {}, _rescue._connected
+
+    def noted(path: Path, mode: str) -> contextlib.closing[sqlite3.Connection]:
+        modes[path] = mode
+        return connected(path, mode)
+
+    monkeypatch.setattr(_rescue, "_connected", noted)
+    assert rescue_diary(kept, kept.with_name("new.diary")).missing == ()
+    assert modes[kept] == "ro&immutable=1"
 
 
 def test_a_full_disk_is_no_damage(kept: Path, tmp_path: Path) -> None:

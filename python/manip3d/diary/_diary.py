@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
-from collections.abc import Mapping, Sequence
+import sqlite3
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
 from datetime import datetime
 from typing import Any, Literal, get_args
@@ -619,8 +621,15 @@ class Diary(DiaryReading):
         ------
         InputError
             No such participant.
+        OSError
+            The diary cannot be written. Then nothing may be exported, because the audit names each
+            export.
         """
-        with self._file.begin() as rows:
+        told = (
+            "nothing was exported, because the audit names each export; 'manip3d diary rescue' "
+            "copies the diary to another place, from which it can be exported"
+        )
+        with _telling_of_no_room(told), self._file.begin() as rows:
             rows.note("export", rows.find(identifier).number)
 
     def note_files(self, identifier: str, files: Sequence[str | os.PathLike[str]]) -> None:
@@ -637,13 +646,14 @@ class Diary(DiaryReading):
         InputError
             No such participant.
         OSError
-            A file cannot be read.
+            A file cannot be read, or the diary cannot be written.
         """
         found = {}
         for file in files:
             path = path_of(file, "files").absolute()
             found[str(path)] = sha256_of(path)
-        with self._file.begin() as rows:
+        told = "exported, but the diary does not list the files, which 'diary delete' will not name"
+        with _telling_of_no_room(told), self._file.begin() as rows:
             participant = rows.find(identifier)
             kept = participant.fields.get("exports", {})
             rows.change(participant, {"exports": {**kept, **found}})
@@ -673,6 +683,18 @@ class Diary(DiaryReading):
             participant = rows.find(identifier)
         with self._file.begin_without_remains() as rows:
             rows.delete(participant)
+
+
+@contextlib.contextmanager
+def _telling_of_no_room(told: str) -> Iterator[None]:
+    """Add what it means for an export that the diary's disk is full or can only be read."""
+    try:
+        yield
+    except OSError as error:
+        code = getattr(error.__cause__, "sqlite_errorcode", 0) & 0xFF
+        if code not in (sqlite3.SQLITE_FULL, sqlite3.SQLITE_READONLY):
+            raise
+        raise OSError(f"{error}; {told}") from error
 
 
 def check_event_text(text: str) -> None:

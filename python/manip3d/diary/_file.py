@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import errno
-import functools
 import os
 import sqlite3
 import uuid
@@ -28,11 +27,15 @@ _CHAIN = "meta audit key"
 _WITHOUT_LINKS = (errno.EPERM, errno.EOPNOTSUPP, errno.ENOSYS)
 """Errors of a file system without hard links, on which a diary is made directly in its place."""
 _MIN_BYTES = 1 << 16  # size of two pages of the write-ahead log's index, bytes
+_FIXED = "ro&immutable=1"
+"""Mode in which SQLite reads a file as if nothing could change it."""
 _BUSY_S = 5.0  # longest wait for another program that writes, seconds
 
 
 class DiaryFile:
     """An open diary file, which is locked only during transactions.
+
+    A file that cannot be written, or whose folder cannot, is opened to be read only.
 
     Raises InputError, FormatError and OSError as `Diary` does.
     """
@@ -50,7 +53,7 @@ class DiaryFile:
         self._check_file(create)
         self.engine = sql.create_engine(
             "sqlite://",
-            creator=functools.partial(connect, self._place, timeout=_BUSY_S),
+            creator=self._connect,
             poolclass=sql.pool.NullPool,
         )
         sql.event.listen(self.engine, "connect", self._on_connect)
@@ -62,6 +65,7 @@ class DiaryFile:
             if now > 0:
                 self._check_key(connection)  # the key is checked before anything is written with it
             if now < schema.VERSION:
+                self._refuse_to_migrate_what_is_read_only()
                 self._migrate(connection, now)
             self.study = self._read_study(connection)
             self.chain_key = unseal(key, self._meta(connection, "audit key"), _CHAIN)
@@ -78,13 +82,18 @@ class DiaryFile:
     def begin(self) -> Iterator[Rows]:
         """Run a transaction: all of it is written at its end, or nothing if it raises."""
         self._refuse_if_closed()
+        is_fixed = _mode_of(self._place) == _FIXED
+        before = stamp(self._place) if is_fixed else None
         with self.engine.begin() as connection:
             yield self._rows(connection)
+        if is_fixed and stamp(self._place) != before:
+            raise OSError(f"{self._told_as}: another program wrote to the diary meanwhile")
 
     @contextlib.contextmanager
     def begin_without_remains(self) -> Iterator[Rows]:
         """Run a transaction after which deleted content is neither in the file nor beside it."""
         self._refuse_if_closed()
+        self.refuse_if_read_only()
         with self.engine.connect() as connection:
             raw = connection.connection.dbapi_connection
             assert isinstance(raw, sqlite3.Connection)
@@ -109,6 +118,28 @@ class DiaryFile:
                     f"{self._told_as}: deleted, but the file could not be written anew: {error}"
                 ) from error
 
+    def _connect(self) -> sqlite3.Connection:
+        return connect(self._place, _mode_of(self._place), timeout=_BUSY_S)
+
+    def _cannot_be_written(self) -> OSError:
+        return OSError(
+            f"{self._told_as}: the diary can only be read, because it or its folder cannot be "
+            "written: copy it into a folder that can be written"
+        )
+
+    def refuse_if_read_only(self) -> None:
+        """Raise OSError if the file or its folder cannot be written."""
+        if _is_read_only(self._place):
+            raise self._cannot_be_written()
+
+    def _refuse_to_migrate_what_is_read_only(self) -> None:
+        if _is_read_only(self._place):
+            raise OSError(
+                f"{self._told_as}: an earlier manip3d wrote the diary, which must be changed to be "
+                "read, and it or its folder cannot be written: copy it into a folder that can be "
+                "written"
+            )
+
     def _rows(self, connection: sql.Connection) -> Rows:
         return Rows(connection, self.path, self.key, self.chain_key)
 
@@ -120,7 +151,7 @@ class DiaryFile:
                 raise FormatError("expected a regular file", file=str(self.path))
             raise FileNotFoundError(2, "No such file or directory", str(self.path))
         try:
-            with contextlib.closing(connect(self.path, timeout=_BUSY_S)) as plain:
+            with contextlib.closing(self._connect()) as plain:
                 mark, version = (
                     int(plain.execute(f"PRAGMA {name}").fetchone()[0])
                     for name in ("application_id", "user_version")
@@ -215,10 +246,16 @@ class DiaryFile:
         if not check_key(value, self.key, self.path):
             raise InputError(f"key: {self.path} is encrypted; its key file is needed")
 
-    def _on_connect(self, connection: sqlite3.Connection, record: object) -> None:
+    def _on_connect(
+        self, connection: sqlite3.Connection, record: sql.pool.ConnectionPoolEntry
+    ) -> None:
         # SQLAlchemy begins transactions explicitly, because sqlite3 begins none for changes of
         # tables.
         connection.isolation_level = None
+        is_read_only = _is_read_only(self._place)
+        record.info["begin"] = "BEGIN" if is_read_only else "BEGIN IMMEDIATE"
+        if is_read_only:
+            return
         try:
             for pragma in (
                 "journal_mode = WAL",
@@ -241,8 +278,10 @@ class DiaryFile:
             return OSError(f"the diary is no longer at {self._told_as}; put it back")
         # Python's own error about text that is not UTF-8 has no code of SQLite: it is damage.
         is_of_sqlite = hasattr(error, "sqlite_errorcode")
+        if is_of_sqlite and error.sqlite_errorcode & 0xFF == sqlite3.SQLITE_READONLY:
+            return self._cannot_be_written()
         if is_of_sqlite and isinstance(error, sqlite3.OperationalError):
-            return OSError(f"{self._told_as}: {words_of(error, self._place)}")
+            return OSError(f"{self._told_as}: {_advised(error, self._place)}")
         return FormatError(f"the diary is damaged: {error}", file=str(self._told_as))
 
 
@@ -254,6 +293,43 @@ def connect(path: Path, mode: str = "rw", **options: Any) -> sqlite3.Connection:
     address = f"file:{quote(os.fsencode(os.path.abspath(path)))}?mode={mode}"
     connection: sqlite3.Connection = sqlite3.connect(address, uri=True, **options)
     return connection
+
+
+def _is_read_only(path: Path) -> bool:
+    """Whether SQLite cannot write an existing file, for which it makes others beside it."""
+    return os.path.exists(path) and not (os.access(path, os.W_OK) and _has_writable_folder(path))
+
+
+def _has_writable_folder(path: Path) -> bool:
+    return os.access(os.path.dirname(os.path.realpath(path)), os.W_OK)
+
+
+def _logs(path: Path) -> list[str]:
+    """Names of the files with the last entries of a diary that is open or was not closed."""
+    beside = (f"{os.path.realpath(path)}{ending}" for ending in ("-wal", "-journal"))
+    return [os.path.basename(log) for log in beside if is_filled(log)]
+
+
+def is_filled(path: str | Path) -> bool:
+    """Whether a file exists and is not empty, as a log is after a full disk had no room for it."""
+    return os.path.exists(path) and os.path.getsize(path) > 0
+
+
+def _mode_of(path: Path) -> str:
+    """Return the mode in which SQLite can open a file.
+
+    To read a file with a write-ahead log, SQLite makes files beside it. In a folder that cannot be
+    written it reads the file as if nothing could change it, which is only right without a log.
+    """
+    if not _is_read_only(path):
+        return "rw"
+    return "ro" if _has_writable_folder(path) or _logs(path) else _FIXED
+
+
+def stamp(path: Path) -> tuple[int, int, int]:
+    """Return what changes when a file is replaced or written."""
+    about = path.stat()
+    return about.st_ino, about.st_size, about.st_mtime_ns
 
 
 def _make_empty(path: Path) -> bool:
@@ -285,18 +361,32 @@ def _make(path: Path, key: bytes | None) -> None:
 
 
 def _on_begin(connection: sql.Connection) -> None:
-    connection.exec_driver_sql("BEGIN IMMEDIATE")
+    connection.exec_driver_sql(connection.info["begin"])
 
 
 def words_of(error: sqlite3.DatabaseError, path: Path) -> str:
-    """Return SQLite's message, and whether the disk is full: even reading needs some space."""
+    """Return SQLite's message, and why even reading is impossible, if that is known."""
     code = getattr(error, "sqlite_errorcode", 0) & 0xFF
+    is_refused = code in (sqlite3.SQLITE_CANTOPEN, sqlite3.SQLITE_READONLY)
+    if is_refused and (logs := _logs(path)) and not _has_writable_folder(path):
+        return (
+            f"{error}: {logs[0]} holds the last entries, and the folder cannot be written: copy "
+            "both files into a folder that can be written"
+        )
     if code == sqlite3.SQLITE_IOERR:
         with contextlib.suppress(OSError):
             disk = os.statvfs(path.parent)
             if disk.f_bavail * disk.f_frsize < _MIN_BYTES:
                 return f"{error}: the disk is full, and a diary needs some room even to be read"
     return str(error)
+
+
+def _advised(error: sqlite3.DatabaseError, path: Path) -> str:
+    """Return `words_of`, and a way out if there is no room even to read."""
+    words, code = words_of(error, path), getattr(error, "sqlite_errorcode", 0) & 0xFF
+    if code == sqlite3.SQLITE_IOERR and words != str(error):
+        return f"{words}; 'manip3d diary rescue' copies it to another disk"
+    return words
 
 
 def _told(error: sqlite3.DatabaseError, path: Path) -> Exception:
@@ -310,5 +400,5 @@ def _told(error: sqlite3.DatabaseError, path: Path) -> Exception:
             file=str(path),
         )
     return OSError(
-        errno.EIO, words_of(error, path), str(path)
+        errno.EIO, _advised(error, path), str(path)
     )  # a full disk, a lock, a folder to read only

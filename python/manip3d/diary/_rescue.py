@@ -17,7 +17,7 @@ from manip3d._util.checked import checked
 from manip3d._util.paths import path_of
 from manip3d._util.reprs import short_repr
 from manip3d.diary import _schema as schema
-from manip3d.diary._file import connect, words_of
+from manip3d.diary._file import connect, is_filled, stamp, words_of
 from manip3d.diary._rows import check_payload, read_participant
 from manip3d.diary._sealing import check_key, require_key_material
 from manip3d.errors import FormatError, InputError
@@ -197,20 +197,15 @@ def _to_read(path: Path) -> Iterator[sqlite3.Connection]:
     """
     with open_regular(path) as file:
         is_logged = file.read(_HEAD_BYTES)[18:19] == b"\x02"
-    has_log = Path(f"{path}-wal").exists()
+    has_log = is_filled(f"{path}-wal")
     is_closed = is_logged and not has_log
     mode = "ro&immutable=1" if is_closed else "ro" if has_log else "rw"
-    before = _stamp(path)
+    before = stamp(path)
     with _connected(path, mode) as connection:
         connection.execute("PRAGMA query_only = 1")
         yield connection
-    if is_closed and _stamp(path) != before:
+    if is_closed and stamp(path) != before:
         raise OSError(errno.EBUSY, "another program wrote to the diary meanwhile", str(path))
-
-
-def _stamp(path: Path) -> tuple[int, int, int]:
-    about = path.stat()
-    return about.st_ino, about.st_size, about.st_mtime_ns
 
 
 def _connected(path: Path, mode: str) -> contextlib.closing[sqlite3.Connection]:
@@ -225,11 +220,12 @@ def _raise_if_busy(error: Exception, source: Path) -> None:
 
 
 def _raise_if_full(error: Exception, source: Path) -> None:
-    """Raise OSError if the disk of the diary is full, because this is no damage."""
+    """Raise OSError if the disk is full or cannot be written, because this is no damage."""
     if isinstance(error, sqlite3.DatabaseError) and (words := words_of(error, source)) != str(
         error
     ):
-        raise OSError(errno.ENOSPC, words, str(source)) from error
+        is_full = error.sqlite_errorcode & 0xFF == sqlite3.SQLITE_IOERR
+        raise OSError(errno.ENOSPC if is_full else errno.EROFS, words, str(source)) from error
 
 
 def _version(old: sqlite3.Connection, source: Path) -> int:
