@@ -144,10 +144,15 @@ def test_heard_is_answered_when_it_is_on_the_disk(
     assert done == [1, 2]
 
 
+def lose(path: Path) -> None:
+    """Delete the participant without the lock of the session, so that its entries are refused."""
+    with Diary(path) as other, other._file.begin() as rows:
+        rows.delete(rows.find("P01"))
+
+
 def test_what_is_lost_is_never_said_to_be_kept(sitting: Sitting) -> None:
     done: list[int] = []
-    with Diary(sitting.path) as other:
-        other.delete("P01")
+    lose(sitting.path)
     sitting.session.command("event", {"text": "dizzy"}, done=lambda: done.append(1))
     sitting.show()
     sitting.session.end()
@@ -173,8 +178,7 @@ def test_what_is_lost_is_not_kept_when_it_is_said_again(sitting: Sitting) -> Non
     wait_for(is_written)
     said("event", 1, text="dizzy")  # kept long ago
     assert done == ["event 1"] * 4
-    with Diary(sitting.path) as other:
-        other.delete("P01")
+    lose(sitting.path)
     said("event", 2, text="a fall")
     wait_for(is_written)
     said("event", 2, text="a fall")
@@ -396,6 +400,21 @@ def test_a_program_that_stops_before_any_game_leaves_nothing_to_compare_with(
     sitting.end().close()
     sitting.open()
     assert sitting.say("pain", value=6)["game"]["halt"] == ""
+
+
+def test_nobody_is_deleted_during_their_live_session(sitting: Sitting) -> None:
+    """Between two entries the session does not have the file open."""
+    sitting.say("pain", value=3)
+    with Diary(sitting.path) as diary:
+        diary.enrol("P02")
+        with pytest.raises(InputError, match="participant: P01 has a session open in another"):
+            diary.delete("P01")
+        diary.delete("P02")
+        assert [one.identifier for one in diary.participants()] == ["P01"]
+        sitting.end().close()
+        diary.delete("P01")
+        assert diary.participants() == []
+    assert list(sitting.path.parent.glob(".*.lock")) == []
 
 
 def test_a_participant_has_one_live_session_at_a_time(sitting: Sitting) -> None:

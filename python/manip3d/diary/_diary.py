@@ -31,6 +31,7 @@ from manip3d.diary._records import (
     identifier_of,
 )
 from manip3d.diary._rows import Enrolled, Rows, check_texts
+from manip3d.diary._session_lock import SessionLock
 from manip3d.errors import InputError
 from manip3d.io._files import sha256_of
 from manip3d.modify import Limb
@@ -120,6 +121,7 @@ class Diary(DiaryReading):
         """Set whether a participant consents to clips; without consent, their clips are deleted.
 
         Films that were exported before are not deleted: see `exports` and `ExportedFile.has_films`.
+        Consent can also be withdrawn during a live session, which then keeps no films.
 
         Parameters
         ----------
@@ -674,15 +676,20 @@ class Diary(DiaryReading):
         Raises
         ------
         InputError
-            No such participant.
+            No such participant, or they have a live session in progress: nothing was deleted.
         OSError
             Another program has the diary open: nothing was deleted. Or the file could not be
             rewritten: the participant is deleted and their rows are overwritten with zeros.
         """
         with self._file.begin() as rows:
             participant = rows.find(identifier)
-        with self._file.begin_without_remains() as rows:
-            rows.delete(participant)
+        self._file.refuse_if_read_only()
+        lock = SessionLock(self.path, participant.fields["identifier"], participant.number)
+        try:
+            with self._file.begin_without_remains() as rows:
+                rows.delete(participant)
+        finally:
+            lock.release()
 
 
 @contextlib.contextmanager

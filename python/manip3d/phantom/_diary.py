@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Literal
 from manip3d.errors import InputError
 from manip3d.phantom._felt import FeltLimb
 from manip3d.phantom._recorder import GameSummary, Pictures
-from manip3d.phantom._session_lock import SessionLock
 from manip3d.phantom._sitting import goes_on
 from manip3d.phantom._touch import Mode
 from manip3d.phantom._writer import OrderedWriter
@@ -59,6 +58,7 @@ class DiaryRecorder:
         source: str = "",
     ) -> None:
         from manip3d.diary import Diary
+        from manip3d.diary._session_lock import SessionLock
 
         self._diary = Diary(path, key=key)
         try:

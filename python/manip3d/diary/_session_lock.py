@@ -1,4 +1,4 @@
-"""A lock against two live sessions of one participant at a time."""
+"""A lock against two live sessions of one participant, and against deletion during a session."""
 
 from __future__ import annotations
 
@@ -16,7 +16,8 @@ class SessionLock:
 
     Each session compares the pain only with its own ratings, so that with two sessions the stop
     rule would miss a rise from one to the other. Different participants of a diary can have
-    sessions at the same time.
+    sessions at the same time. A session keeps the diary open only while it writes, so that only
+    this lock shows that one is going on.
 
     Raises
     ------
