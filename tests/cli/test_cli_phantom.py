@@ -14,7 +14,7 @@ from typer.testing import CliRunner, Result
 
 from manip3d import RgbdFrame, capture
 from manip3d.cli import app
-from manip3d.modify import PhantomFrame, PhantomPipeline
+from manip3d.modify import PhantomFrame, PhantomPipeline, PhantomReason
 from manip3d.viewer import people
 from manip3d.viewer.phantom import render_phantom
 
@@ -221,6 +221,17 @@ def test_a_film_has_the_speed_of_its_frames(tmp_path: Path) -> None:
         with av.open(str(path)) as film:
             found = [1000 * float(frame.time) for frame in film.decode(video=0)]
         assert found == pytest.approx(shown, abs=1)
+
+
+def test_a_short_source_without_skeletons_is_not_one_without_a_person(tmp_path: Path) -> None:
+    """The pipeline tells the two apart after a second; at the end of a film it is known."""
+    frames = list(capture.open_rgbd(SOURCE))
+    bare = [replace(frame, skeletons=()) for frame in frames]
+    film = render_phantom(bare, tmp_path / "bare", affected="left_arm")
+    assert film.messages == {PhantomReason.NO_SKELETON.message: 3}
+    film = render_phantom([*bare[:2], frames[2]], tmp_path / "late", affected="left_arm")
+    assert film.messages[PhantomReason.NO_PERSON.message] == 2
+    assert PhantomReason.NO_SKELETON.message not in film.messages
 
 
 def test_what_is_refused(tmp_path: Path) -> None:

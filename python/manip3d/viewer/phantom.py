@@ -181,7 +181,7 @@ def render_phantom(
         frames_with_color=counted.with_color,
         states=dict(counted.states),
         stage_ms={name: 1e3 * spent / counted.total for name, spent in counted.seconds.items()},
-        messages=dict(counted.messages),
+        messages=counted.messages_of_all(is_tracked=pose),
         errors=dict(getattr(stream, "errors", {})),
         counters=dict(getattr(stream, "counters", {})),
     )
@@ -213,6 +213,20 @@ class _FrameCounts:
         if phantom.state != "tracking":
             self.messages[phantom.message] += 1
         self.seconds.update(phantom.seconds)
+
+    def messages_of_all(self, *, is_tracked: bool) -> dict[str, int]:
+        """Return the messages, in view of the whole source.
+
+        The pipeline waits for a second before it says that a source has no skeletons, and until
+        then says that nobody is in view. ``is_tracked``: joints were looked for, so that nobody is.
+        """
+        from manip3d.modify import PhantomReason
+
+        messages = self.messages.copy()
+        if not self.with_skeleton and not is_tracked:
+            nobody = messages.pop(PhantomReason.NO_PERSON.message, 0)
+            messages.update({PhantomReason.NO_SKELETON.message: nobody} if nobody else {})
+        return dict(messages)
 
 
 def _opened(source: str | Iterable[RgbdFrame]) -> Any:
