@@ -45,7 +45,9 @@ class Diary(DiaryReading):
 
     One file contains all participants of a study, each under a pseudonym. With a key, each
     participant's data are encrypted with a key of their own, which the diary's key encrypts;
-    without a key they are plain JSON in SQLite. Research software, no medical device.
+    without a key they are plain JSON in SQLite. A file that cannot be written, or whose folder
+    cannot, is opened to be read only: methods that write then raise an OSError. Research software,
+    no medical device.
 
     Parameters
     ----------
