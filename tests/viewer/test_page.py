@@ -282,6 +282,19 @@ def test_the_browser_shows_each_mesh_in_its_pane(chromium: None, quad: Mesh) -> 
     assert (np.abs(right - PAPER).max(axis=2) > 8).sum() > 20_000
 
 
+def test_a_screen_reader_is_told_what_the_view_shows(chromium: None, quad: Mesh) -> None:
+    role_and_label = "['role', 'aria-label'].map(n => document.querySelector('canvas')"
+    role_and_label += ".getAttribute(n)).join(': ')"
+    pages = {
+        "img: 3D view of before, after": html([quad, quad], labels=["before", "after"]),
+        "img: 3D view of a walk": film([quad, quad], labels=["0", "1"], rate=2, title="a walk"),
+    }
+    for expected, text in pages.items():
+        with _chromium.open_page(text, (400, 300)) as tab:
+            tab.evaluate("manip3d")
+            assert tab.evaluate(role_and_label) == expected
+
+
 def test_the_keys_do_what_the_help_says(chromium: None, quad: Mesh) -> None:
     material = Material(textures={"base_color": Texture(data=png((255, 0, 0)))})
     mesh = quad.replace(materials=(material,), face_material=[0, 0])

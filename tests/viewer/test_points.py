@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -375,6 +376,30 @@ def test_points_and_meshes_stand_side_by_side(bundle: None, quad: Mesh) -> None:
         ["boundary", "detail", "glb", "label"],
         ["detail", "label", "points"],
     ]
+
+
+def luminance(color: str) -> float:
+    """Return the relative luminance of a CSS color by WCAG 2.2."""
+    parts = np.array([float(part) for part in re.findall(r"[\d.]+", color)[:3]]) / 255
+    linear = np.where(parts <= 0.04045, parts / 12.92, ((parts + 0.055) / 1.055) ** 2.4)
+    return float(linear.dot([0.2126, 0.7152, 0.0722]))
+
+
+def test_letters_of_the_axes_can_be_read_in_light_and_dark(chromium: None) -> None:
+    """WCAG 2.2 asks for a contrast of 4.5; the legend's background is the page's."""
+    colors = "[document.body, ...document.querySelectorAll('.legend b')].map((node, i) => "
+    colors += "getComputedStyle(node)[i ? 'color' : 'backgroundColor']).join(';')"
+    with _chromium.open_page(html(scan()), (500, 400)) as tab:
+        tab.evaluate("manip3d")
+        light = tab.evaluate(colors)
+        tab.evaluate("document.dispatchEvent(new KeyboardEvent('keydown', {key: 'd'}))")
+        dark = tab.evaluate(colors)
+    assert light != dark
+    for told in (light, dark):
+        paper, *letters = (luminance(color) for color in told.split(";"))
+        assert len(letters) == 3
+        for letter in letters:
+            assert (max(paper, letter) + 0.05) / (min(paper, letter) + 0.05) >= 4.5, told
 
 
 def test_the_browser_colors_points_as_chosen(chromium: None) -> None:

@@ -85,7 +85,7 @@ function hasWebGL() {
 /** @param {Page} page */
 async function start(page) {
   const message = element("p", { class: "message", role: "status" }, "Loading…");
-  const canvas = element("canvas");
+  const canvas = element("canvas", { role: "img", "aria-label": labelOf(page) });
   const panes = (page.film ? page.models.slice(0, 1) : page.models).map((entry) =>
     element("figure", {}, element("figcaption", {}, ...caption(entry))),
   );
@@ -113,6 +113,15 @@ async function start(page) {
   addToolbar(bar, stage, page.looks, help, switches, actions);
   addManners(area, stage);
   return undefined;
+}
+
+/**
+ * The text by which a screen reader names the view.
+ * @param {Page} page
+ */
+function labelOf({ title, models, film }) {
+  const shown = film ? title : models.map(({ label }) => label).join(", ");
+  return `3D view of ${shown || title}`;
 }
 
 /** @param {Entry} entry */

@@ -263,9 +263,8 @@ export function legend(cloud, withAxes, withLines, element) {
     }
   }
   if (withAxes) {
-    const letters = ["x", "y", "z"].map((letter, i) =>
-      element("b", { style: `color:${AXES[i]}` }, `${letter} `),
-    );
+    // In shades of the axes' colours that can be read on either background.
+    const letters = ["x", "y", "z"].map((letter) => element("b", { class: letter }, `${letter} `));
     rows.push(element("div", {}, ...letters, cloud.entry.axes.label));
   }
   return element("div", { class: "legend" }, ...rows);

@@ -48,7 +48,7 @@ const STATES: Record<string, string> = {
 
 // --- elements of the page --------------------------------------------------------------------------
 
-const canvas = element("canvas", { "aria-label": `Person with a phantom ${content.limb}` });
+const canvas = element("canvas", { role: "img", "aria-label": `Person with a phantom ${content.limb}` });
 const blind = element("p", { id: "blind", role: "alert" });
 const stateWord = element("strong", { id: "state" }, "Connecting");
 const stateText = element("span", { id: "message" }, "Waiting for the first picture.");
