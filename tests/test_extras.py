@@ -8,7 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from manip3d._util.extras import imported
+from manip3d._util import extras
+from manip3d._util.extras import imported, require
 from manip3d.errors import BrokenExtraError, MissingExtraError
 
 
@@ -26,6 +27,16 @@ def test_an_absent_package_is_told_by_the_name_under_which_it_is_installed(
     monkeypatch.setitem(sys.modules, "cv2", None)
     with pytest.raises(MissingExtraError, match=r"^opencv-python-headless is needed here: .*alert"):
         imported("cv2", "alert")
+
+
+def test_several_extras_are_asked_for_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(extras, "_is_installed", lambda module: module == "PIL")
+    with pytest.raises(MissingExtraError, match=r"^av, open3d-cpu are needed here") as told:
+        require("video", "simulate")
+    assert told.value.extra == "video,simulate"
+    monkeypatch.setattr(extras, "_is_installed", lambda module: module != "av")
+    with pytest.raises(MissingExtraError, match=r"^av is needed here: .*'manip3d\[video\]'"):
+        require("video", "simulate")
 
 
 def test_a_package_whose_system_library_is_missing_is_not_called_absent(

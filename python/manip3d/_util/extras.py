@@ -64,17 +64,18 @@ def _is_installed(module: str) -> bool:
         return False
 
 
-def require(extra: str) -> None:
-    """Check that all modules of an extra are installed.
+def require(*extras: str) -> None:
+    """Check that all modules of one or several extras are installed.
 
     Raises
     ------
     MissingExtraError
-        A module is not installed.
+        A module is not installed; the error names all of them, and their extras.
     """
-    absent = missing_modules(extra)
+    absent = {extra: found for extra in extras if (found := missing_modules(extra))}
     if absent:
-        raise MissingExtraError(", ".join(map(_distribution, absent)), extra)
+        modules = dict.fromkeys(module for found in absent.values() for module in found)
+        raise MissingExtraError(", ".join(map(_distribution, modules)), ",".join(absent))
 
 
 def load(extra: str) -> None:

@@ -18,7 +18,7 @@ from urllib.parse import parse_qs, urlsplit
 
 import numpy as np
 
-from manip3d._util.extras import imported
+from manip3d._util.extras import imported, require
 from manip3d._util.options import reporting
 from manip3d.errors import InputError
 from manip3d.io._files import atomic_folder, atomic_path, atomic_write
@@ -153,6 +153,8 @@ def render_phantom(
     pipeline = PhantomPipeline(smoothing=smoothing, plane=plane, **options)
     counted = _FrameCounts()
     path = Path(output)
+    if path.suffix.lower() == ".mp4":
+        require("video", "simulate")  # together, so that users install both at once
     with (
         _opened(source) as stream,
         _sink(path, overwrite=overwrite) as sink,
