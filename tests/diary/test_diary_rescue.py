@@ -411,6 +411,11 @@ def test_what_would_not_open_is_no_rescue(kept: Path, tmp_path: Path) -> None:
         rescue_diary(tmp_path / "other", new)
     with pytest.raises(FileNotFoundError):
         rescue_diary(tmp_path / "absent", new)
+    with pytest.raises(FormatError, match="expected a regular file"):
+        rescue_diary(tmp_path, new)
+    (tmp_path / "empty").touch()
+    with pytest.raises(FormatError, match="expected a diary, got an empty file"):
+        rescue_diary(tmp_path / "empty", new)
     assert not new.exists()
     new.write_text("mine")
     with pytest.raises(InputError, match=r"output: .*new.diary exists already; --force "):

@@ -146,10 +146,7 @@ class DiaryFile:
     def _check_file(self, create: bool) -> None:
         """Refuse files that are no diary or of a later version; make a new file if allowed."""
         is_new = create and _make_empty(self.path)
-        if not self.path.is_file():
-            if self.path.exists():
-                raise FormatError("expected a regular file", file=str(self.path))
-            raise FileNotFoundError(2, "No such file or directory", str(self.path))
+        expect_regular_file(self.path)
         try:
             with contextlib.closing(self._connect()) as plain:
                 mark, version = (
@@ -170,11 +167,7 @@ class DiaryFile:
             if is_new:
                 return
             # It may stand in the place of a diary that was moved, so that no new one is made here.
-            raise FormatError(
-                "expected a diary, got an empty file: put the diary back in its place, or delete "
-                "the file to begin a new diary",
-                file=str(self.path),
-            )
+            raise empty_file_error(self.path)
         if mark != schema.APPLICATION:
             raise FormatError("expected a diary, got another file", file=str(self.path))
         if version > schema.VERSION:
@@ -283,6 +276,24 @@ class DiaryFile:
         if is_of_sqlite and isinstance(error, sqlite3.OperationalError):
             return OSError(f"{self._told_as}: {_advised(error, self._place)}")
         return FormatError(f"the diary is damaged: {error}", file=str(self._told_as))
+
+
+def expect_regular_file(path: Path) -> None:
+    """Raise FormatError if there is no file but a folder or device, or FileNotFoundError."""
+    if path.is_file():
+        return
+    if path.exists():
+        raise FormatError("expected a regular file", file=str(path))
+    raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), str(path))
+
+
+def empty_file_error(path: Path) -> FormatError:
+    """Return the error about an empty file in the place of a diary."""
+    return FormatError(
+        "expected a diary, got an empty file: put the diary back in its place, or delete the file "
+        "to begin a new diary",
+        file=str(path),
+    )
 
 
 def connect(path: Path, mode: str = "rw", **options: Any) -> sqlite3.Connection:

@@ -17,7 +17,14 @@ from manip3d._util.checked import checked
 from manip3d._util.paths import path_of
 from manip3d._util.reprs import short_repr
 from manip3d.diary import _schema as schema
-from manip3d.diary._file import connect, is_filled, stamp, words_of
+from manip3d.diary._file import (
+    connect,
+    empty_file_error,
+    expect_regular_file,
+    is_filled,
+    stamp,
+    words_of,
+)
 from manip3d.diary._rows import check_payload, read_participant
 from manip3d.diary._sealing import check_key, require_key_material
 from manip3d.errors import FormatError, InputError
@@ -110,8 +117,7 @@ def rescue_diary(
         raise InputError(f"output: {target} exists already; --force (overwrite=True) replaces it")
     if target.exists() and source.exists() and target.samefile(source):
         raise InputError(f"output: expected another file than the diary, got {target}")
-    if not source.is_file():
-        raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), str(source))
+    expect_regular_file(source)
     for beside in (Path(f"{target}{ending}") for ending in ("-wal", "-shm", "-journal")):
         if beside.exists():  # SQLite would apply it to the new diary
             raise InputError(f"output: {beside} belongs to a diary that was not closed")
@@ -233,6 +239,8 @@ def _version(old: sqlite3.Connection, source: Path) -> int:
         int(old.execute(f"PRAGMA {name}").fetchone()[0])
         for name in ("application_id", "user_version")
     )
+    if mark == 0 and not _tables(old):
+        raise empty_file_error(source)
     if mark != schema.APPLICATION or not 0 < version <= schema.VERSION:
         raise FormatError("expected a diary, got another file or version", file=str(source))
     return version
