@@ -435,3 +435,30 @@ def test_films_are_asked_for_only_where_they_are_shown(
     done = run("export", path, "-o", str(tmp_path / output), "--participant", "P01", "--clips")
     assert "--clips: expected --pages or -o NAME.html" in str(done.exception)
     assert not (tmp_path / output).exists()
+
+
+@pytest.mark.parametrize(
+    "words", [("export",), ("export", "--pages"), ("clips", "P01")], ids=lambda words: words[-1]
+)
+def test_files_of_others_are_told_before_force_is_offered(
+    path: str, words: tuple[str, ...], tmp_path: Path
+) -> None:
+    verb, *more = words
+    folder = tmp_path / "mine"
+    folder.mkdir()
+    (folder / "notes.txt").write_text("mine")
+    for force in ([], ["--force"]):
+        done = run(verb, path, *more, "-o", str(folder), *force)
+        assert "holds other files (notes.txt); give another folder" in str(done.exception)
+    (folder / "notes.txt").unlink()
+    assert "--force replaces it" in str(run(verb, path, *more, "-o", str(folder)).exception)
+
+
+def test_an_edited_questionnaire_or_a_key_is_never_replaced(tmp_path: Path) -> None:
+    """The error offers no --force, which these commands do not have."""
+    for words in (("form", "ownership", "-o"), ("keygen",)):
+        place = tmp_path / "mine.json"
+        place.write_text("edited")
+        done = run(*words, str(place))
+        assert str(done.exception).endswith(f"{place}: exists already; give another name")
+        assert place.read_text() == "edited"

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner, Result
 
-from manip3d import RgbdFrame, capture
+from manip3d import InputError, RgbdFrame, capture
 from manip3d.cli import app
 from manip3d.modify import PhantomFrame, PhantomPipeline, PhantomReason
 from manip3d.viewer import people
@@ -188,7 +188,9 @@ def test_other_folders_are_not_replaced(tmp_path: Path) -> None:
     (tmp_path / "letters").mkdir()
     (tmp_path / "letters" / "dear.txt").write_text("keep me")
     refused = run("phantom", "render", SOURCE, "-o", tmp_path / "letters", "--force")
-    assert "expected a new folder" in str(refused.exception)
+    assert "letters: holds other files (dear.txt); give another" in str(refused.exception)
+    with pytest.raises(InputError, match="output: expected a new folder, or one of pictures"):
+        render_phantom(SOURCE, tmp_path / "letters", overwrite=True)
     assert os.listdir(tmp_path / "letters") == ["dear.txt"]
 
 

@@ -722,7 +722,7 @@ def test_a_drive_is_written_by_one_program_at_a_time(
         assert is_ours
         done = run("embed", drive, "--key", key, "-o", signed)
         assert (done.exit_code, list(signed.iterdir())) == (1, [])
-        assert str(done.exception) == f"--output: another program is writing to {signed}"
+        assert str(done.exception) == f"-o: another program is writing to {signed}"
     assert not signed.exists()
     assert run("embed", drive, "--key", key, "-o", signed).exit_code == 0
 

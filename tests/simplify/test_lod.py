@@ -250,7 +250,7 @@ def test_the_command_writes_levels(tmp_path: Path) -> None:
     (tmp_path / "levels" / "mine.obj").write_text("no mesh")  # is told before the mesh is read
     done = manip3d("lod", tmp_path / "levels" / "mine.obj", "-o", tmp_path / "levels", "--force")
     assert done.returncode == 1
-    assert "holds other files: mine.obj" in done.stderr
+    assert "holds other files (mine.obj); give another folder" in done.stderr
 
 
 def test_the_command_simplifies_as_the_other_one_and_tells_of_levels_that_are_missing(

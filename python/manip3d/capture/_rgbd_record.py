@@ -24,6 +24,13 @@ from manip3d.rgbd import RgbdCalibration, RgbdFrame
 if TYPE_CHECKING:
     from manip3d._util.options import Progress
 
+_CALIBRATION = "calibration.json"
+_IMAGES_AND_LISTS = {
+    "folder": ("frames.jsonl", "depth", "body_index", "colour"),
+    "tum": ("depth.txt", "rgb.txt", "associations.txt", "depth", "rgb"),
+}
+"""Names in the folder of a recording; the first one marks a folder as a recording."""
+_TEMPORARY = ".manip3d-"  # begin of the names of files that a killed writer leaves
 _LONGEST_BEFORE = 60.0  # largest `before` in seconds, since these frames are kept in memory
 
 
@@ -216,6 +223,19 @@ def _noting_frames(place: Path, recorder: Any, *, is_new: bool) -> Iterator[None
         elif is_new:
             remove_recording(place)
         raise
+
+
+def is_file_of_recording(folder: Path, name: str, *, is_tum: bool = False) -> bool:
+    """Return whether a file or subfolder of a folder belongs to a recording, as recorders judge it.
+
+    Images belong to a recording only beside its calibration and its list of frames, because folders
+    of images by other programs have the same names.
+    """
+    if name == _CALIBRATION or name.startswith(_TEMPORARY):
+        return True
+    names = _IMAGES_AND_LISTS["tum" if is_tum else "folder"]
+    is_begun = (folder / _CALIBRATION).is_file() and (folder / names[0]).is_file()
+    return is_begun and name in names
 
 
 def remove_recording(place: Path) -> None:

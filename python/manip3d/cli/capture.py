@@ -92,11 +92,13 @@ def open_source(
     rate: float | None = None,
     speed: float = 0.0,
     start: int = 0,
+    verb: str = "capture",
 ) -> RgbdSource:
     """Open the RGB-D source at an address, file or folder, and print its size and length.
 
     It is also printed if its images are flipped, or if it has no times. ``rate``: that of
-    ``--rate``, 0 if it is not given; None: the command has no such option.
+    ``--rate``, 0 if it is not given; None: the command has no such option. ``verb`` is the command
+    in errors.
 
     Raises
     ------
@@ -106,7 +108,7 @@ def open_source(
     from manip3d import capture
 
     if not Path(source).is_dir():
-        expect_kind(source, "recording", verb="capture")
+        expect_kind(source, "recording", verb=verb)
     folder = f"folder:{source}" if Path(source).is_dir() else source
     uri = capture.rgbd_address(source) or folder
     options: dict[str, Any] = {"speed": speed, "start": start}
@@ -175,7 +177,17 @@ def check_recording_output(output: Path, *, force: bool) -> None:
     InputError
         See `check_output`.
     """
-    check_output(place_of_recording(output), (".mkv",), force=force, folder=True)
+    from manip3d.capture._rgbd_record import is_file_of_recording
+
+    place = place_of_recording(output)
+    is_tum = str(output).startswith("tum:")
+    check_output(
+        place,
+        (".mkv",),
+        force=force,
+        folder=True,
+        is_ours=lambda name: is_file_of_recording(place, name, is_tum=is_tum),
+    )
 
 
 def place_of_recording(output: Path) -> Path:
@@ -217,6 +229,7 @@ def write_recording(
             begins, wanted = opened.enter_context(trigger_of(trigger))
             kept = f"; the last {before:g} s are kept" if before else ""
             terminal.say(f"waiting for {wanted}{kept}")
+        opened.enter_context(naming_options("output", path="output"))
         progress = opened.enter_context(terminal.progress("record"))
         done = capture.record(
             source,
@@ -411,9 +424,7 @@ class _Pictures:
         self._written = 0
         if output is None or output.suffix.lower() == ".png":
             return
-        if output.suffix:
-            raise InputError(f"output: expected a folder or a .png file, got {output}")
-        output.mkdir(parents=True, exist_ok=force)
+        output.mkdir(exist_ok=force)
 
     def add(self, frame: RgbdFrame, *, in_sheet: bool) -> None:
         """Add a frame."""
@@ -449,7 +460,7 @@ def _refuse_folder_of(source: RgbdSource, output: Path | None) -> None:
     if output is None or not folder.is_dir():
         return
     if output.resolve().is_relative_to(folder.resolve()):
-        raise InputError(f"output: expected a place outside of the recording, got {output}")
+        raise InputError(f"-o {output}: expected a place outside of the recording")
 
 
 def _tiled(images: Iterable[NDArray[np.uint8]]) -> NDArray[np.uint8]:

@@ -53,7 +53,7 @@ def tell(folder: Path, *, data: Any, seed: int, jobs: int, terminal: Terminal) -
     """Run the demo in a new folder or in that of an earlier demo, and print the page's path."""
     from manip3d.report.demo import run_demo
 
-    refuse_foreign_folder(folder, force=False)
+    refuse_foreign_folder(folder, force=None)
     terminal.say("five stories, then the tables; about two minutes on two cores")
     try:
         with terminal.progress("demo") as bar, ended_like_ctrl_c():

@@ -13,7 +13,7 @@ import typer
 
 from manip3d.cli.options import Force, Json, Quiet
 from manip3d.cli.phantom import LimbName
-from manip3d.cli.terminal import Terminal, check_output, counted, naming_options, table
+from manip3d.cli.terminal import Terminal, check_output, check_place, counted, naming_options, table
 from manip3d.errors import FormatError, InputError, printable
 
 if TYPE_CHECKING:
@@ -77,6 +77,7 @@ def keygen(
     """
     from manip3d.diary import make_key
 
+    check_place(path, force=None, option="KEY")
     make_key(path)
     shell = Terminal(as_json=as_json, quiet=quiet)
     shell.say(f"wrote {path}")
@@ -170,9 +171,16 @@ def write_clips(
     Example: manip3d diary clips study.diary P01 -o clips
     """
     from manip3d.diary import export_clips
+    from manip3d.diary._clips import is_film_of
 
-    check_output(output, (), force=force, folder=True)
-    with _opened(path, key) as diary:
+    check_output(
+        output,
+        (),
+        force=force,
+        folder=True,
+        is_ours=lambda name: is_film_of(participant, name),
+    )
+    with _opened(path, key) as diary, naming_options("output"):
         written = export_clips(diary, output, participant, overwrite=force)
     shell = Terminal(as_json=as_json, quiet=quiet)
     shell.say(f"wrote {output}: {counted(len(written), 'film')}")
@@ -423,7 +431,7 @@ def form(
     """
     from manip3d import diary
 
-    check_output(output, (".json",), force=False)
+    check_output(output, (".json",), force=None)
     built_in = {"mcgill": diary.MCGILL, "ownership": diary.OWNERSHIP}
     diary.write_questionnaire(built_in[questionnaire.value], output)
     shell = Terminal(as_json=as_json, quiet=quiet)
@@ -541,14 +549,18 @@ def export(
     Example: manip3d diary export study.diary -o export
     """
     from manip3d.diary import export_csv, export_fhir, write_overview, write_page
+    from manip3d.diary._export import is_exported_table
+    from manip3d.diary._page import is_page_of_overview
 
-    check_output(output, () if pages else (".json", ".html"), force=force, folder=True)
+    suffixes = () if pages else (".json", ".html")
+    is_ours = is_page_of_overview if pages else is_exported_table
+    check_output(output, suffixes, force=force, folder=True, is_ours=is_ours)
     if pages and participant is not None:
         raise InputError("--pages: expected no --participant; the page of one is -o NAME.html")
     suffix = output.suffix.lower()
     if clips and not pages and suffix != ".html":
         raise InputError("--clips: expected --pages or -o NAME.html; 'diary clips' writes films")
-    with _opened(path, key) as diary:
+    with _opened(path, key) as diary, naming_options("output"):
         if pages:
             write_overview(diary, output, clips=clips, overwrite=force)
         elif suffix in (".json", ".html"):
@@ -713,7 +725,9 @@ def rescue(
     """
     from manip3d.diary import rescue_diary
 
-    found = rescue_diary(path, output, key=key, overwrite=force)
+    check_place(output, force=force)
+    with naming_options("key", "output"):
+        found = rescue_diary(path, output, key=key, overwrite=force)
     shell = Terminal(as_json=as_json, quiet=quiet)
     for line in found.missing:
         shell.say(line)

@@ -556,7 +556,7 @@ def forge_frames(
 
     place = place_of_recording(output)
     if not place.name:
-        raise InputError(f"output: expected the name of a recording, got {output}")
+        raise InputError(f"-o {output}: expected the name of a recording")
     truth = place.with_name(place.name + ".truth.npz")
     if truth.exists() and not force:
         raise InputError(f"{truth}: exists already; --force replaces it")
@@ -626,7 +626,7 @@ def _record(
 ) -> Recording:
     from manip3d import capture
 
-    with terminal.progress("forge") as progress:
+    with terminal.progress("forge") as progress, naming_options("output", path="output"):
         return capture.record(
             capture.from_frames(_WithoutOldTruth(forged, truth)),
             output,
@@ -645,11 +645,11 @@ def _open_bounded(
     from manip3d.cli.capture import open_source
 
     try:
-        opened = open_source(place, terminal)
+        opened = open_source(place, terminal, verb="forge stream")
     except (InputError, FormatError) as error:
         if not intrinsics or "calibration:" not in str(error):
             raise
-        opened = open_source(place, terminal, intrinsics=intrinsics)
+        opened = open_source(place, terminal, intrinsics=intrinsics, verb="forge stream")
     if opened.is_live and frames is None:
         opened.stop()
         raise InputError(f"--frames: needed with {place}, which is live and has no end")

@@ -28,7 +28,7 @@ from manip3d.cli.sources import open_scene_or_mesh
 from manip3d.cli.terminal import Terminal, check_output, counted, naming_options, table
 from manip3d.errors import InputError
 from manip3d.io import READABLE, Scene
-from manip3d.io._lods import expect_folder_of_lods
+from manip3d.io._lods import is_file_of_lods
 
 SUFFIXES = (".glb", ".gltf")
 
@@ -103,9 +103,7 @@ def lod(
     if mode not in (None, Mode.published) and method is not None:
         raise InputError(f"--method {method}: expected --mode published, got {mode}")
     expect_kind(source, "mesh", verb="lod")
-    check_output(output, SUFFIXES, force=force, folder=True)
-    if not output.suffix:
-        expect_folder_of_lods(output)
+    check_output(output, SUFFIXES, force=force, folder=True, is_ours=is_file_of_lods)
     chosen = str(method or (Method.qem4vr if mode == Mode.published else mode or Mode.quality))
     expect_cleaning(chosen, no_clean)
     expect_locks(chosen, lock_box, lock_boundary)

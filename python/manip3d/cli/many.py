@@ -34,7 +34,7 @@ from manip3d.cli.options import (
     To,
 )
 from manip3d.cli.signals import ended_like_ctrl_c
-from manip3d.cli.terminal import Terminal, collecting, count, counted, showing_as
+from manip3d.cli.terminal import Terminal, check_place, collecting, count, counted, showing_as
 from manip3d.cli.terminal import table as show_table
 from manip3d.errors import Error, InputError
 from manip3d.io import is_url, local_copy, local_output
@@ -134,19 +134,23 @@ class Many:
         except Error:  # a damaged recording, about which the verb raises an error
             return True
 
-    def check_folder(self, sources: Sequence[str], output: object) -> None:
-        """Refuse the name of a file as the output of several sources, which needs a folder.
+    def check_folder(self, sources: Sequence[str], output: Path | None) -> None:
+        """Refuse an output of several sources that cannot be made as a folder.
 
         Raises
         ------
         InputError
-            The output has a suffix that the verb writes, and is not an existing folder.
+            The output has a suffix that the verb writes, and is not an existing folder; or the
+            folder in which it would be made does not exist.
         """
-        suffix = PurePosixPath(str(output or "")).suffix.lower()
-        if suffix not in self.writable or not suffix or Path(str(output)).is_dir():
+        if output is None:
+            return
+        suffix = output.suffix.lower()
+        if suffix not in self.writable or not suffix or output.is_dir():
+            check_place(output, force=True)
             return
         more = f"several {self.noun}s" if len(sources) > 1 else f"the {self.noun}s of {sources[0]}"
-        raise InputError(f"--output: expected a folder for {more}, got the file name {output}")
+        raise InputError(f"-o {output}: expected a folder for {more}, got the name of a file")
 
     def names(self, files: Sequence[SourceFile]) -> dict[str, str]:
         """Return the name of each output by the name of its source.

@@ -176,10 +176,11 @@ def phantom_render(
 
     Example: manip3d phantom render 'sim:body?amputated=right-arm&frames=30' -o phantom
     """
-    from manip3d.viewer.phantom import render_phantom
+    from manip3d.viewer.phantom import is_picture_of_phantom, render_phantom
 
     expect_kind(source, "recording", verb="phantom render")
-    check_output(output, (".mp4", ".png"), force=force, folder=True)
+    suffixes = (".mp4", ".png")
+    check_output(output, suffixes, force=force, folder=True, is_ours=is_picture_of_phantom)
     shell = Terminal(as_json=as_json, quiet=quiet)
     with ExitStack() as opened, shell.progress("render") as progress:
         opened.enter_context(naming_options("output", "azimuth", uri="SOURCE"))

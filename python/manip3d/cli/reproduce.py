@@ -172,12 +172,14 @@ def say_what_was_done(summary: RunSummary, terminal: Terminal) -> None:
         terminal.say(problem)
 
 
-def refuse_foreign_folder(folder: Path, *, force: bool) -> None:
+def refuse_foreign_folder(folder: Path, *, force: bool | None) -> None:
+    """Refuse a folder that holds no results; ``force`` is None in commands without ``--force``."""
     if folder.exists() and not folder.is_dir():
         raise InputError(f"{folder}: expected a folder, got a file")
     ours = (folder / "cases").is_dir() or (folder / "results.json").is_file()
     if folder.is_dir() and any(folder.iterdir()) and not ours and not force:
-        raise InputError(f"{folder}: not empty and no results folder; --force uses it all the same")
+        cure = "--force uses it all the same" if force is not None else "give another folder"
+        raise InputError(f"{folder}: not empty and no results folder; {cure}")
 
 
 def digest(summary: RunSummary) -> dict[str, Any]:

@@ -246,8 +246,8 @@ def convert(source: str, output: Path, terminal: Terminal, calibration: Path | N
     found = [_measured(scan, suffix, terminal) for scan in scans]
     if len(found) > 1 and suffix not in (".e57", ".ptx"):
         raise InputError(
-            f"output: {source} holds {len(found)} scans, and {suffix} one: name a folder without "
-            "--to, or a file that ends in .e57 or .ptx"
+            f"-o {output}: {source} holds {len(found)} scans, and {suffix} one: name a folder "
+            "without --to, or a file that ends in .e57 or .ptx"
         )
     io.write_scans(found, output)
     for scan in found:

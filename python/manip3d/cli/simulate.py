@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from manip3d.cli.options import Force, Jobs, Json, Output, Quiet, Seed
-from manip3d.cli.terminal import Terminal, counted, naming_options, refuse_existing
+from manip3d.cli.terminal import Terminal, check_place, counted, naming_options
 from manip3d.errors import InputError
 
 
@@ -166,7 +166,7 @@ def simulate(
 
     Example: manip3d simulate sim:indoor-00 -o scan.pcd
     """
-    refuse_existing(output, force=force)
+    check_place(output, force=force)
     shell = Terminal(as_json=as_json, quiet=quiet)
     record = write_simulated(
         source,

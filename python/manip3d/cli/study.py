@@ -10,7 +10,7 @@ import typer
 
 from manip3d.cli.options import Force, Json, Quiet, Seed
 from manip3d.cli.signals import ended_like_ctrl_c
-from manip3d.cli.terminal import Terminal, counted, naming_options, refuse_existing, table
+from manip3d.cli.terminal import Terminal, check_output, check_place, counted, naming_options, table
 from manip3d.errors import InputError
 
 app = typer.Typer(
@@ -80,9 +80,8 @@ def study_define(
     """
     from manip3d.study import write_template
 
-    refuse_existing(output, force=force)
-    with naming_options(path="output"):
-        write_template(template.value, output, example=example)
+    check_output(output, (".toml",), force=force)
+    write_template(template.value, output, example=example)
     Terminal(quiet=quiet).say(f"wrote {output}")
 
 
@@ -171,6 +170,19 @@ for _kind, _words in _RUNS.items():
     _add_run(_kind, _words)
 
 
+def check_answers(output: Path) -> None:
+    """Check the folder of the answers: a new or empty one, or that of a study.
+
+    Raises
+    ------
+    InputError
+        See `check_place`.
+    """
+    from manip3d.study._store import is_file_of_study
+
+    check_place(output, force=True, is_ours=lambda name: is_file_of_study(output, name))
+
+
 def run_kind(
     kind: str,
     definition: Path,
@@ -190,6 +202,7 @@ def run_kind(
             f"{definition}: expected a definition of a {kind}, got {study.common.kind}"
         )
     study.check_stimuli()  # before the folder is made
+    check_answers(output)
 
     def on_start(url: str) -> None:
         shell.say(f"open {url}")
@@ -245,6 +258,7 @@ def study_simulate(
     from manip3d.study import StudyFolder, read_study, simulate_participants
 
     study, content = read_study(definition)
+    check_answers(output)
     shell = Terminal(as_json=as_json, quiet=quiet)
     with StudyFolder(output, content) as folder, naming_options("seed"):
         codes = simulate_participants(study, folder, participants, seed=seed)
@@ -269,8 +283,9 @@ def study_results(
     Example: manip3d study results answers -o tables
     """
     from manip3d.study import StudyFolder, study_of, write_results
+    from manip3d.study._results import FILES
 
-    refuse_existing(output, force=force)
+    check_place(output, force=force, is_ours=FILES.__contains__)
     shell = Terminal(as_json=as_json, quiet=quiet)
     with StudyFolder(answers, read_only=True) as folder, naming_options("output"):
         study = study_of(folder.definition)

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 from manip3d._util import texts
 from manip3d._util.json import finite
 from manip3d.errors import FormatError, InputError
+from manip3d.io._files import other_files
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -214,16 +215,9 @@ def _is_number(cell: str) -> bool:
     return cell[:1].isdigit() or cell in ("", "-")
 
 
-def refuse_existing(path: Path | None, *, force: bool) -> None:
-    """Refuse to replace an existing file.
-
-    Raises
-    ------
-    InputError
-        The file exists, and ``--force`` was not given.
-    """
-    if path is not None and not force and path.exists() and not path.is_char_device():
-        raise InputError(f"{path}: exists already; --force replaces it")
+def without_arguments(text: str) -> str:
+    """Return a message without Python's argument beside ``--force``, as in ``(overwrite=True)``."""
+    return re.sub(r"--force \(\w+(=True)?\)", "--force", text)
 
 
 def named_as_options(text: str, options: Sequence[str]) -> str:
@@ -235,6 +229,10 @@ def named_as_options(text: str, options: Sequence[str]) -> str:
         if "-" in option:
             text = re.sub(rf"(?<![\w-]){option.replace('-', '_')}\b", f"--{option}", text)
     return text
+
+
+_SHOWN_AS = {"output": "-o"}
+"""Options that errors show by their short names, as `check_output` does."""
 
 
 @contextmanager
@@ -261,7 +259,7 @@ def naming_options(*options: str, **others: str) -> Iterator[None]:
         found = [others.get(name, name.replace("_", "-")) for name in given]
         if not colon or not set(found) <= {*options, *others.values()}:
             raise
-        shown = (name if name.isupper() else f"--{name}" for name in found)
+        shown = (_SHOWN_AS.get(name, name if name.isupper() else f"--{name}") for name in found)
         raise InputError(", ".join(shown) + ":" + named_as_options(rest, options)) from error
 
 
@@ -269,8 +267,9 @@ def check_output(
     path: Path | None,
     suffixes: Sequence[str],
     *,
-    force: bool,
+    force: bool | None,
     folder: bool = False,
+    is_ours: Callable[[str], bool] | None = None,
     option: str = "-o",
 ) -> None:
     """Check ``-o`` before any work is done.
@@ -281,18 +280,15 @@ def check_output(
         The output; None if the option is not given.
     suffixes : sequence of str
         Suffixes of the formats that the command writes.
-    force : bool
-        Whether an existing output may be replaced.
     folder : bool
         Whether a name without a suffix, which is a folder, is accepted, too.
-    option : str
-        Name of the option in errors.
+    force, is_ours, option
+        See `check_place`; ``is_ours`` is for folders.
 
     Raises
     ------
     InputError
-        The suffix is none of ``suffixes``, the folder of the output does not exist, or the output
-        exists.
+        The suffix is none of ``suffixes``, or see `check_place`.
     """
     if path is None:
         return
@@ -304,9 +300,45 @@ def check_output(
         names = [f"a name that ends in {', '.join(suffixes)}"] if suffixes else []
         names += ["a folder's name without a suffix"] if folder else []
         raise InputError(f"{option} {path}: expected {', or '.join(names)}")
+    check_place(path, force=force, is_ours=is_ours if is_folder else None, option=option)
+
+
+def check_place(
+    path: Path,
+    *,
+    force: bool | None,
+    is_ours: Callable[[str], bool] | None = None,
+    option: str = "-o",
+) -> None:
+    """Check the place of an output of any name before any work is done.
+
+    Parameters
+    ----------
+    path : Path
+        The output, a file or a folder.
+    force : bool or None
+        Whether an existing output may be replaced; None: the command never replaces a file.
+    is_ours : callable(str), optional
+        Returns whether a file of this name in the folder was written by an earlier run. Other files
+        are refused, also with ``force``.
+    option : str
+        Name of the option or argument in errors.
+
+    Raises
+    ------
+    InputError
+        The folder of the output does not exist, the output exists, or it is a folder with other
+        files.
+    """
     if not path.parent.is_dir():
         raise InputError(f"{option} {path}: there is no folder {path.parent}")
-    refuse_existing(path, force=force)
+    others = [] if is_ours is None else other_files(path, is_ours)
+    if others:
+        named = ", ".join([*others[:3], *(["..."] if others[3:] else [])])
+        raise InputError(f"{option} {path}: holds other files ({named}); give another folder")
+    if path.exists() and not force and not path.is_char_device():
+        cure = "--force replaces it" if force is not None else "give another name"
+        raise InputError(f"{option} {path}: exists already; {cure}")
 
 
 _GROUPS = " "

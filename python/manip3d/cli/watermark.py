@@ -15,7 +15,14 @@ import typer
 from manip3d.cli.kinds import expect_kind
 from manip3d.cli.many import over_files
 from manip3d.cli.options import MISSED, Force, Json, Quiet
-from manip3d.cli.terminal import Terminal, check_output, counted, naming_options, table
+from manip3d.cli.terminal import (
+    Terminal,
+    check_output,
+    check_place,
+    counted,
+    naming_options,
+    table,
+)
 from manip3d.errors import InputError
 from manip3d.io._scan_files import FOLDER_SUFFIXES
 
@@ -140,6 +147,7 @@ def keygen(
 
     from manip3d import authenticate
 
+    check_place(path, force=None, option="KEY")
     expires_ns = time.time_ns() + days * 86_400 * 10**9 if days else 0
     with authenticate.KeyFile.create(path, expires_ns=expires_ns) as key:
         record = {"key": str(path), "key_id": key.key_id, "expires_ns": key.expires_ns}
@@ -270,7 +278,9 @@ def embed(
     shell = Terminal(as_json=as_json, quiet=quiet)
     expect_kind(source, "scan", "drive", verb="watermark embed")
     drive = Path(source).is_dir()
-    if not drive:
+    if drive:
+        check_place(output, force=True)  # a run that was stopped is continued in its folder
+    else:
         check_output(output, FOLDER_SUFFIXES, force=force)
     with (
         naming_options("output", "picture", "sensor", "units-per-m", "origin"),

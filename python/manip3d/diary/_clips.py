@@ -195,8 +195,7 @@ def export_clips(
     target = path_of(output, "output")
     if target.exists() and not overwrite:
         raise InputError(f"output: {target} exists already; --force (overwrite=True) replaces it")
-    theirs = re.compile(rf"{re.escape(identifier)}-\d{{4}}-\d\d-\d\d-\d{{4}}-.*\.webp")
-    refuse_other_files(target, lambda name: bool(theirs.fullmatch(name)))
+    refuse_other_files(target, lambda name: is_film_of(identifier, name))
     clips = diary.clips(identifier)
     diary.note_export(identifier)
     names = []
@@ -207,3 +206,9 @@ def export_clips(
             names.append(target / name)
     diary.note_files(identifier, names)
     return names
+
+
+def is_film_of(identifier: str, name: str) -> bool:
+    """Return whether `export_clips` writes a film of this name for a participant."""
+    pattern = rf"{re.escape(identifier)}-\d{{4}}-\d\d-\d\d-\d{{4}}-.*\.webp"
+    return bool(re.fullmatch(pattern, name))

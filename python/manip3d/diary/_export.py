@@ -104,7 +104,7 @@ def export_csv(
     target = path_of(output, "output")
     if target.exists() and not overwrite:
         raise InputError(f"output: {target} exists already; --force (overwrite=True) replaces it")
-    refuse_other_files(target, {f"{name}.csv" for name in _TABLES}.__contains__)
+    refuse_other_files(target, is_exported_table)
     chosen = _chosen(diary, participants)
     tables = _tables(diary, chosen)
     for identifier in chosen:
@@ -233,6 +233,11 @@ def _answer_rows(entries: _Entries) -> _Rows:
             yield *about, "item", number, item.text, answer
         for name, value in filled.scores.items():
             yield *about, "scale", name, "", value
+
+
+def is_exported_table(name: str) -> bool:
+    """Return whether `export_csv` writes a file of this name into its folder."""
+    return name in {f"{table}.csv" for table in _TABLES}
 
 
 _TABLES: Mapping[str, tuple[Sequence[str], Callable[[_Entries], _Rows]]] = {

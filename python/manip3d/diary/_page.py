@@ -155,7 +155,7 @@ def write_overview(
     target = path_of(output, "output")
     if target.exists() and not overwrite:
         raise InputError(f"output: {target} exists already; --force (overwrite=True) replaces it")
-    refuse_other_files(target, lambda name: bool(_OWN_PAGE.fullmatch(name)))
+    refuse_other_files(target, is_page_of_overview)
     day = today or date.today()
     people = [person.identifier for person in diary.participants()]
     names = _names_of_pages(people)
@@ -174,6 +174,11 @@ _INDEX = "index.html"
 _OWN_PAGE = re.compile(r"index\.html|participant-.*\.html")
 _SILENT_DAYS = 3  # days without a session that raise an alarm; two sessions a day are due
 _RECENT_DAYS = 7  # adverse events of these days are shown in the overview
+
+
+def is_page_of_overview(name: str) -> bool:
+    """Return whether `write_overview` writes a file of this name into its folder."""
+    return bool(_OWN_PAGE.fullmatch(name))
 
 
 def _names_of_pages(people: Sequence[str]) -> dict[str, str]:

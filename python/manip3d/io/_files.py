@@ -192,13 +192,24 @@ def refuse_other_files(folder: Path, is_ours: Callable[[str], bool]) -> None:
     InputError
         The folder holds other files; the error names some of them.
     """
-    if not os.path.lexists(folder):
-        return
-    if not folder.is_dir():
+    if os.path.lexists(folder) and not folder.is_dir():
         raise InputError(f"output: expected a folder, {folder} is a file")
-    others = sorted(name for name in os.listdir(folder) if not is_ours(name))
+    others = other_files(folder, is_ours)
     if others:
         raise InputError(f"output: {folder} holds other files: {', '.join(others[:3])}")
+
+
+def other_files(folder: Path, is_ours: Callable[[str], bool]) -> list[str]:
+    """Return the sorted names in a folder for which ``is_ours`` is False; the folder may be absent.
+
+    Raises
+    ------
+    OSError
+        The folder cannot be read.
+    """
+    if not folder.is_dir():
+        return []
+    return sorted(name for name in os.listdir(folder) if not is_ours(name))
 
 
 def write_new(path: str | os.PathLike[str], content: bytes) -> None:

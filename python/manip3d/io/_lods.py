@@ -103,7 +103,7 @@ def write_lods(
             f"path: expected .glb, .gltf or a folder's name without suffix, got {path}"
         )
     else:
-        expect_folder_of_lods(Path(path))
+        refuse_other_files(Path(path), is_file_of_lods)
         with atomic_folder(path) as folder:
             manifest = _write_folder(
                 [*scenes, *meshes], folder, shares, errors, max_vertices, quantize
@@ -114,15 +114,9 @@ def write_lods(
             (folder / "lods.json").write_text(json.dumps(made, indent=1) + "\n")
 
 
-def expect_folder_of_lods(folder: Path) -> None:
-    """Refuse a folder that holds files other than levels of detail; the folder may not exist.
-
-    Raises
-    ------
-    InputError
-        The folder holds other files; the error names some of them.
-    """
-    refuse_other_files(folder, lambda name: bool(_OWN_FILE.fullmatch(name)))
+def is_file_of_lods(name: str) -> bool:
+    """Return whether `write_lods` writes a file of this name into its folder."""
+    return bool(_OWN_FILE.fullmatch(name))
 
 
 def _write_folder(

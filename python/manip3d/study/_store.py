@@ -36,6 +36,8 @@ CHECKSUMS = "sha256"
 
 _DEFINITION = "study.json"
 _PARTICIPANTS = "participants"
+_LOCK = ".lock"
+_TEMPORARY = ".manip3d-"  # begin of the names of files that a killed writer leaves
 _MAX_BYTES = 16 << 20  # largest size of a stored definition with the checksums of its stimuli
 
 
@@ -127,6 +129,16 @@ class Session:
         return next((a.assigned for a in found if a is not None and a.assigned is not None), None)
 
 
+def is_file_of_study(folder: Path, name: str) -> bool:
+    """Return whether a file of a folder may stand where the answers of a study are stored.
+
+    Beside a definition any file may; a run that was killed early left no definition.
+    """
+    if (folder / _DEFINITION).is_file():
+        return True
+    return name in (_PARTICIPANTS, _LOCK) or name.startswith(_TEMPORARY)
+
+
 @checked
 class StudyFolder(Closing):
     """The answers of a study in a folder, for one process at a time; others may read them.
@@ -204,7 +216,7 @@ class StudyFolder(Closing):
         if not self.path.exists():
             self.path.mkdir(mode=0o700, parents=True)  # only the owner may read people's answers
         (self.path / _PARTICIPANTS).mkdir(exist_ok=True)
-        lock = locked_file(self.path / ".lock")
+        lock = locked_file(self.path / _LOCK)
         if lock is None:
             raise InputError(f"{self.path}: another process is using this study")
         return lock

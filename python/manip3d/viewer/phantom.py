@@ -302,7 +302,12 @@ def _sink(output: Path, *, overwrite: bool) -> Iterator[Sink]:
 
 
 def _holds_pictures_only(folder: Path) -> bool:
-    return folder.is_dir() and all(_PICTURE.fullmatch(path.name) for path in folder.iterdir())
+    return folder.is_dir() and all(is_picture_of_phantom(path.name) for path in folder.iterdir())
+
+
+def is_picture_of_phantom(name: str) -> bool:
+    """Return whether `render_phantom` writes a picture of this name into its folder."""
+    return bool(_PICTURE.fullmatch(name))
 
 
 def _around(picture: Image, phantom: PhantomFrame) -> Image:
