@@ -17,7 +17,6 @@ from typing import TYPE_CHECKING, Any, ClassVar
 from manip3d._util import texts
 from manip3d._util.json import finite
 from manip3d.errors import FormatError, InputError
-from manip3d.io._files import other_files
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -330,6 +329,8 @@ def check_place(
         The folder of the output does not exist, the output exists, or it is a folder with other
         files.
     """
+    from manip3d.io._files import other_files
+
     if not path.parent.is_dir():
         raise InputError(f"{option} {path}: there is no folder {path.parent}")
     others = [] if is_ours is None else other_files(path, is_ours)
