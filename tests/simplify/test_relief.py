@@ -9,6 +9,7 @@ import time
 from collections import Counter
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -1180,6 +1181,26 @@ def test_moves_lower_the_error_on_scenes_with_many_depth_steps(
     assert after < before
 
 
+def by_chance(holes: NDArray[np.bool_]) -> int:
+    """Count pixels in holes, away from the border and from holes of five pixels square."""
+    height, width = holes.shape
+    padded = np.pad(holes, 5, constant_values=True)
+    gaps = np.zeros_like(padded)
+    for v in range(padded.shape[0] - 4):
+        for u in range(padded.shape[1] - 4):
+            if padded[v : v + 5, u : u + 5].all():
+                gaps[max(v - 1, 0) : v + 6, max(u - 1, 0) : u + 6] = True
+    inner = np.zeros_like(holes)
+    inner[1:-1, 1:-1] = True
+    return int(np.count_nonzero(holes & inner & ~gaps[5 : 5 + height, 5 : 5 + width]))
+
+
+def lone(holes: NDArray[np.bool_]) -> int:
+    """Count holes of one pixel."""
+    inner = holes[1:-1, 1:-1] & ~(holes[:-2, 1:-1] | holes[2:, 1:-1])
+    return int(np.count_nonzero(inner & ~(holes[1:-1, :-2] | holes[1:-1, 2:])))
+
+
 def amid(holes: NDArray[np.bool_], most: int = 4) -> int:
     """Count pixels of holes with at most ``most`` pixels, away from the border and larger holes."""
     label = np.zeros(holes.shape, int)
@@ -1220,18 +1241,48 @@ def amid(holes: NDArray[np.bool_], most: int = 4) -> int:
 
 
 @pytest.mark.parametrize("effort", ["live", "balanced"])
-@pytest.mark.parametrize("share", [0.01, 0.1, 0.3])
+@pytest.mark.parametrize("share", [0.01, 0.1, 0.3, 0.5])
 def test_pinholes_do_not_end_the_surface(effort: simplify.Effort, share: float) -> None:
-    # With holes of four pixels at most, 0.57 and 0.59 of the last were covered.
+    # With holes of four pixels at most, 0.57 and 0.59 of the surface with a share of 0.3 were
+    # covered; with holes of 32 pixels, 0.07 and 0.07 with a share of 0.5.
     points = bumps(120, 160)
     valid = np.random.default_rng(3).random((120, 160)) >= share
     found = simplify.relief_grid(points, valid, 300, effort=effort)
-    filled = amid(~valid)
-    if filled >= 0.02 * valid.size:
-        filled = amid(~valid, 32)
-    assert found.filled_pixels == filled
+    is_chance = lone(~valid) >= 0.02 * valid.size
+    assert is_chance == (share > 0.01)
+    assert found.filled_pixels == (by_chance(~valid) if is_chance else amid(~valid))
     check_promises(found, points, valid, 300)
-    assert found.coverage > (0.98 if share <= 0.1 else 0.92)
+    assert found.coverage > (0.98 if share <= 0.1 else 0.95)
+
+
+@pytest.mark.parametrize("effort", ["live", "balanced"])
+@pytest.mark.parametrize("missing", ["0.4", "0.6", "rows", "columns", "squares"])
+def test_a_surface_survives_many_missing_pixels(missing: str, effort: simplify.Effort) -> None:
+    """What is missing of two walls is filled, but for a large hole and the step between them."""
+    v, u = np.mgrid[:120, :160]
+    whole = (np.where(u < 90, 2.0, 3.0) + 0.1 * np.sin(u / 15) * np.cos(v / 12)).astype(np.float32)
+    whole[30:50, 30:50] = 0
+    random = np.random.default_rng(7)
+    if missing == "rows":
+        lost = v % 5 == 2
+    elif missing == "columns":
+        lost = u % 3 == 1
+    elif missing == "squares":
+        corners = np.pad(random.random((118, 158)) < 0.04, 2)
+        lost = np.zeros(whole.shape, bool)
+        for i, j in np.ndindex(3, 3):
+            lost |= corners[i : i + 120, j : j + 160]
+    else:
+        lost = random.random(whole.shape) < float(missing)
+    camera = Intrinsics(160, 120, 140.0, 140.0, 79.5, 59.5)
+    depth = np.where(lost, 0, whole)
+    found = simplify.relief(depth, camera, 300, effort=effort, depth_step=0.05)
+    surface = simplify.relief(whole, camera, 300, effort="live", depth_step=0.05).surface
+    of_whole = replace(found, surface=surface, cover=None)
+    assert of_whole.coverage > 0.9
+    assert of_whole.bridges < 0.02
+    # A fifth of the triangles at least are over missing pixels.
+    assert found.bridges > found.filled > 0.1
 
 
 def test_larger_holes_are_filled_only_where_pixels_are_missing_at_random() -> None:
@@ -1244,7 +1295,7 @@ def test_larger_holes_are_filled_only_where_pixels_are_missing_at_random() -> No
     valid[48:55, 60:67] = True
     valid[50:53, 62:65] = False
     found = simplify.relief_grid(points, valid, 300)
-    assert found.filled_pixels == amid(~valid, 32) == np.count_nonzero(~valid)
+    assert found.filled_pixels == by_chance(~valid) == np.count_nonzero(~valid)
 
 
 def test_a_plane_with_pinholes_is_two_faces() -> None:

@@ -2,6 +2,7 @@
 
 #include <Eigen/Core>
 #include <algorithm>
+#include <cmath>
 #include <cstring>
 
 namespace manip3d::relief_detail {
@@ -12,13 +13,19 @@ namespace {
 /// filling took a fifth longer).
 constexpr double kMinShare = 1e-3;
 
-/// Share of the pixels in pinholes from which on pixels are missing at random. Images of real
-/// cameras have at most 0.001 here; a random loss of 3 % of the pixels gives 0.029.
+/// Share of the pixels that are missing amid a surface from which on they are missing by chance.
+/// Images of real cameras have at most 0.01 here; a random loss of 3 % of the pixels gives 0.029.
 constexpr double kChanceShare = 0.02;
+
+/// The least number of such pixels: fewer are no evidence.
+constexpr double kChancePixels = 50.0;
 
 /// Rounds of averaging neighbours. After these, the remaining error in a hole of four pixels is
 /// less than a millionth of the difference between its neighbours.
 constexpr int kRounds = 24;
+
+/// Measured pixels beside a pixel from which on farther ones need not be looked at.
+constexpr int kEnough = 3;
 
 using Point = Eigen::Map<const Eigen::Vector3f>;
 
@@ -47,11 +54,9 @@ bool PinholeFiller::fill(const PointGridView& grid, const DenseRule& rule,
   if (grid.rows < 3 || grid.cols < 3) return false;
   const StepRule steps(rule);
   const auto num_pixels = static_cast<double>(grid.rows * grid.cols);
-  find(steps, rule, surface, kPinhole);
-  by_chance_ = static_cast<double>(num_filled_) >= kChanceShare * num_pixels;
-  if (by_chance_) {
-    find(steps, rule, surface, kChanceHole);
-  }
+  find_unseen(steps, surface);
+  by_chance_ = find_chance(steps, rule.max_edge);
+  if (!by_chance_) find_pinholes(steps, rule.max_edge);
   const bool is_worth = static_cast<double>(num_filled_) >= kMinShare * num_pixels;
   if (is_worth && num_filled_ > 0) {
     fill_in(confidence);
@@ -62,6 +67,8 @@ bool PinholeFiller::fill(const PointGridView& grid, const DenseRule& rule,
     release(holes_);
     release(hole_at_);
     release(open_);
+    release(gaps_);
+    release(gaps_of_rows_);
   }
   return num_filled_ > 0;
 }
@@ -75,27 +82,20 @@ void PinholeFiller::fill_in(std::span<const float> confidence) {
   }
   points_.assign(grid_.points, grid_.points + 3 * num_pixels);
   valid_.assign(grid_.valid, grid_.valid + num_pixels);
-  interpolate();
+  if (by_chance_) {
+    interpolate_chance();
+  } else {
+    interpolate();
+  }
+  for (const std::int32_t p : filled_pixels_) {
+    valid_[p] = 1;
+    confidence_[p] = 0.0F;
+  }
   filled_ = {grid_.rows, grid_.cols, points_.data(), valid_.data(), grid_.rows_up};
 }
 
-void PinholeFiller::find(const StepRule& steps, const DenseRule& rule, const Surface& surface,
-                         int most) {
-  find_holes(steps, surface, most);
-  open_.clear();
-  for (Hole& hole : holes_) {
-    if (is_amid_surface(hole, steps, rule.max_edge)) continue;
-    open_.insert(open_.end(), hole.pixels.begin(), hole.pixels.begin() + hole.size);
-    for (int i = 0; i < hole.size; ++i) state_[hole.pixels[i]] = kOpen;
-    hole.size = 0;
-  }
-  open_beside_open();
-  num_filled_ = 0;
-  for (const Hole& hole : holes_) num_filled_ += hole.size;
-}
-
-/// Finds small holes; all other pixels without a measurement become open.
-void PinholeFiller::find_holes(const StepRule& steps, const Surface& surface, int most) {
+/// Tells measured pixels from those without a measurement.
+void PinholeFiller::find_unseen(const StepRule& steps, const Surface& surface) {
   const std::int64_t num_pixels = grid_.rows * grid_.cols;
   state_.resize(num_pixels);
   // A local copy, because writes of bytes may alias members.
@@ -115,6 +115,144 @@ void PinholeFiller::find_holes(const StepRule& steps, const Surface& surface, in
       if (state_[p] == kUnseen) state_[p] = kOpen;
     }
   }
+}
+
+/// Opens the pixels without a measurement in and around squares of kChanceGap pixels a side without
+/// one. The surroundings of the grid have none.
+void PinholeFiller::open_gaps() {
+  constexpr std::int64_t kPad = kChanceGap - 1;
+  // The pixels right of a row are also those left of the next one.
+  const std::int64_t cols = grid_.cols + kPad, size = (grid_.rows + 2 * kPad) * cols + kPad;
+  const auto row_of = [&](std::int64_t v) { return (v + kPad) * cols + kPad; };
+  gaps_.assign(size, 1);
+  gaps_of_rows_.assign(size, 1);
+  for (std::int64_t v = 0; v < grid_.rows; ++v) {
+    const std::uint8_t* const states = &state_[v * grid_.cols];
+    std::uint8_t* const unseen = &gaps_[row_of(v)];
+    for (std::int64_t u = 0; u < grid_.cols; ++u) unseen[u] = states[u] == kMeasured ? 0 : 1;
+  }
+  std::uint8_t *const whole = gaps_.data(), *const rows = gaps_of_rows_.data();
+  // The first pixel of each square, then all its pixels and those around it.
+  const auto shrink = [size](const std::uint8_t* from, std::uint8_t* to, std::int64_t step) {
+    for (std::int64_t p = 0; p < size - kPad * step; ++p) {
+      std::uint8_t all = from[p];
+      for (std::int64_t i = 1; i < kChanceGap; ++i) all &= from[p + i * step];
+      to[p] = all;
+    }
+  };
+  const auto grow = [size](const std::uint8_t* from, std::uint8_t* to, std::int64_t step) {
+    for (std::int64_t p = kChanceGap * step; p < size - step; ++p) {
+      std::uint8_t any = from[p + step];
+      for (std::int64_t i = 0; i <= kChanceGap; ++i) any |= from[p - i * step];
+      to[p] = any;
+    }
+  };
+  shrink(whole, rows, 1);
+  shrink(rows, whole, cols);
+  grow(whole, rows, 1);
+  grow(rows, whole, cols);
+  for (std::int64_t v = 1; v + 1 < grid_.rows; ++v) {
+    std::uint8_t* const states = &state_[v * grid_.cols];
+    const std::uint8_t* const gaps = &whole[row_of(v)];
+    for (std::int64_t u = 0; u < grid_.cols; ++u) {
+      if (states[u] == kUnseen && gaps[u] != 0) states[u] = kOpen;
+    }
+  }
+}
+
+/// Finds the pixels without a measurement amid a surface, whatever the size and shape of their
+/// holes: if many pixels are missing by chance, they are connected across the whole image. Large
+/// holes are told by their width instead.
+/// Without limits for surface triangles, nothing tells a narrow gap between two surfaces from a row
+/// of missing pixels, and only lone pixels are evidence of chance.
+/// @return  False if there are few of them. Only pinholes should be filled then.
+bool PinholeFiller::find_chance(const StepRule& steps, double max_edge) {
+  const auto are_few = [&](auto count) {
+    const double enough = kChanceShare * static_cast<double>(state_.size());
+    return static_cast<double>(count) < std::max(kChancePixels, enough);
+  };
+  const bool has_limits = steps.has_steps() || std::isfinite(max_edge);
+  if (are_few(has_limits ? std::ranges::count(state_, kUnseen) : num_lone())) return false;
+  open_gaps();
+  filled_pixels_.clear();
+  for (std::size_t p = 0; p < state_.size(); ++p) {
+    if (state_[p] == kUnseen) filled_pixels_.push_back(static_cast<std::int32_t>(p));
+  }
+  if (are_few(filled_pixels_.size())) return false;
+  std::erase_if(filled_pixels_,
+                [&](std::int32_t p) { return !is_amid_surface(p, steps, max_edge); });
+  if (are_few(filled_pixels_.size())) return false;
+  for (std::uint8_t& state : state_) {
+    if (state == kUnseen) state = kOpen;
+  }
+  for (const std::int32_t p : filled_pixels_) state_[p] = kFilled;
+  num_filled_ = static_cast<std::int64_t>(filled_pixels_.size());
+  return true;
+}
+
+/// The number of pixels without a measurement between four with one.
+std::int64_t PinholeFiller::num_lone() const {
+  const std::int64_t cols = grid_.cols;
+  std::int64_t count = 0;
+  for (std::int64_t p = cols; p < (grid_.rows - 1) * cols; ++p) {
+    // Unseen pixels at the border are open.
+    if (state_[p] != kUnseen) continue;
+    count += (state_[p - cols] | state_[p - 1] | state_[p + 1] | state_[p + cols]) == kMeasured;
+  }
+  return count;
+}
+
+/// The measured points beside a pixel. If they are few, also those up to the reach of a hole that
+/// is no gap; near a step in depth, these may be on another surface.
+PinholeFiller::Around PinholeFiller::look_around(std::int32_t pixel) const {
+  constexpr int kReach = kChanceGap / 2;
+  const std::int64_t v = pixel / grid_.cols, u = pixel % grid_.cols;
+  Around around;
+  while (around.count < kEnough && around.reach < kReach) {
+    around = {.reach = around.reach + 1};
+    const std::int64_t left = std::max(std::int64_t{0}, u - around.reach);
+    const std::int64_t right = std::min(grid_.cols - 1, u + around.reach);
+    const std::int64_t first = std::max(std::int64_t{0}, v - around.reach);
+    const std::int64_t last = std::min(grid_.rows - 1, v + around.reach);
+    for (std::int64_t row = first * grid_.cols; row <= last * grid_.cols; row += grid_.cols) {
+      for (std::int64_t p = row + left; p <= row + right; ++p) {
+        if (state_[p] != kMeasured) continue;
+        const Eigen::Array3f point = Point(grid_.points + 3 * p).array();
+        around.low = around.low.min(point), around.high = around.high.max(point);
+        around.sum += point;
+        ++around.count;
+      }
+    }
+  }
+  return around;
+}
+
+/// Whether the measured pixels around a pixel are on one surface.
+bool PinholeFiller::is_amid_surface(std::int32_t pixel, const StepRule& steps,
+                                    double max_edge) const {
+  const Around around = look_around(pixel);
+  const double extent = (around.high - around.low).matrix().cast<double>().norm();
+  if (!(extent <= around.reach * max_edge)) return false;
+  return !steps.has_steps() || !steps.is_step(around.low.z(), around.high.z());
+}
+
+/// Finds pinholes; all other pixels without a measurement become open.
+void PinholeFiller::find_pinholes(const StepRule& steps, double max_edge) {
+  find_holes();
+  open_.clear();
+  for (Hole& hole : holes_) {
+    if (is_amid_surface(hole, steps, max_edge)) continue;
+    open_.insert(open_.end(), hole.pixels.begin(), hole.pixels.begin() + hole.size);
+    for (int i = 0; i < hole.size; ++i) state_[hole.pixels[i]] = kOpen;
+    hole.size = 0;
+  }
+  open_beside_open();
+  num_filled_ = 0;
+  for (const Hole& hole : holes_) num_filled_ += hole.size;
+}
+
+void PinholeFiller::find_holes() {
+  const std::int64_t num_pixels = grid_.rows * grid_.cols;
   holes_.clear();
   hole_at_.resize(num_pixels);
   // A pixel beside an open one is open, because most pixels without a measurement are around an
@@ -128,7 +266,7 @@ void PinholeFiller::find_holes(const StepRule& steps, const Surface& surface, in
     if (state_[p - 1] == kOpen || state_[p - grid_.cols] == kOpen) {
       state_[p] = kOpen;
     } else {
-      gather(static_cast<std::int32_t>(p), most);
+      gather(static_cast<std::int32_t>(p));
     }
   }
 }
@@ -164,7 +302,7 @@ void PinholeFiller::find_strays(const StepRule& steps, const Surface& surface) {
 
 /// Gathers the pixels connected to the first one by sides: a hole, or open if they are too many or
 /// touch an open pixel.
-void PinholeFiller::gather(std::int32_t first, int most) {
+void PinholeFiller::gather(std::int32_t first) {
   Hole hole;
   hole.pixels[hole.size++] = first;
   state_[first] = kFilled;
@@ -172,7 +310,7 @@ void PinholeFiller::gather(std::int32_t first, int most) {
   for (int i = 0; i < hole.size && !is_open; ++i) {
     for (const std::int64_t step : {-grid_.cols, std::int64_t{-1}, std::int64_t{1}, grid_.cols}) {
       const std::int64_t next = hole.pixels[i] + step;
-      if (state_[next] == kOpen || (state_[next] == kUnseen && hole.size == most)) {
+      if (state_[next] == kOpen || (state_[next] == kUnseen && hole.size == kPinhole)) {
         is_open = true;
         break;
       }
@@ -235,7 +373,7 @@ void PinholeFiller::interpolate(const Hole& hole) {
   constexpr int kMeasuredOne = -1;
   const std::array<std::int64_t, 4> steps = {-grid_.cols, -1, 1, grid_.cols};
   const auto at = [this](std::int64_t p) { return Point(grid_.points + 3 * p).cast<double>(); };
-  std::array<std::array<int, 4>, kChanceHole> beside{};  // index in the hole, or kMeasuredOne
+  std::array<std::array<int, 4>, kPinhole> beside{};  // index in the hole, or kMeasuredOne
   Eigen::Vector3d mean = Eigen::Vector3d::Zero();
   int count = 0;
   for (int i = 0; i < hole.size; ++i) {
@@ -249,7 +387,7 @@ void PinholeFiller::interpolate(const Hole& hole) {
       ++count;
     }
   }
-  std::array<Eigen::Vector3d, kChanceHole> points;
+  std::array<Eigen::Vector3d, kPinhole> points;
   std::fill_n(points.begin(), hole.size, Eigen::Vector3d(mean / std::max(1, count)));
   for (int round = 0; round < (hole.size > 1 ? kRounds : 1); ++round) {
     for (int i = 0; i < hole.size; ++i) {
@@ -265,8 +403,26 @@ void PinholeFiller::interpolate(const Hole& hole) {
     const std::int64_t p = hole.pixels[i];
     for (int axis = 0; axis < 3; ++axis)
       points_[3 * p + axis] = static_cast<float>(points[i][axis]);
-    valid_[p] = 1;
-    confidence_[p] = 0.0F;
+  }
+}
+
+/// The same for all filled pixels at once, each from the mean of the measured points around it.
+/// Open neighbours do not count.
+void PinholeFiller::interpolate_chance() {
+  const auto at = [this](std::int64_t p) { return Eigen::Map<Vec3>(&points_[3 * p]); };
+  for (const std::int32_t p : filled_pixels_) {
+    const Around around = look_around(p);
+    at(p) = around.sum / static_cast<float>(around.count);
+  }
+  for (int round = 0; round < kRounds; ++round) {
+    for (const std::int64_t p : filled_pixels_) {
+      Vec3 sum = Vec3::Zero();
+      int count = 0;
+      for (const std::int64_t q : {p - grid_.cols, p - 1, p + 1, p + grid_.cols}) {
+        if (state_[q] != kOpen) sum += at(q), ++count;
+      }
+      if (count > 0) at(p) = sum / static_cast<float>(count);
+    }
   }
 }
 

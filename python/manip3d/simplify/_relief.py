@@ -87,8 +87,10 @@ class Relief(DepthSimplification):
     filled_pixels : int
         Unmeasured pixels, in holes of at most four amid a surface, and single measurements with
         steps all around them, that the surface was continued over; 0 if they are fewer than one of
-        a thousand pixels. If they are one of fifty, pixels are missing at random, and holes of at
-        most 32 are continued over as well. No vertex is there.
+        a thousand pixels. If one of fifty pixels (and 50 at least) is missing amid a surface, away
+        from squares of five by five unmeasured pixels, pixels are missing by chance, and the
+        surface is continued over all these, in holes of any size. Without ``max_edge`` and
+        ``depth_step``, only lone pixels are evidence of this. No vertex is there.
     unsure_pixels : int
         Measured pixels of pieces of the dense surface without confidence, which are left out and
         count as not measured: they are missing in ``surface``. See `relief`.

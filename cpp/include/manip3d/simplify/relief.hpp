@@ -85,9 +85,11 @@ struct ReliefResult {
 /// 0. Pinholes. Holes of up to four pixels within one surface are not ends of the surface; neither
 ///    is a measurement with steps all around it, which counts as such a hole. The surface is
 ///    continued over them with confidence 0, unless they are fewer than one pixel in a thousand, or
-///    the target has room for all pixels. If they are at least one pixel in fifty, pixels are
-///    missing at random, and holes of up to 32 pixels are treated alike. In the result no vertex is
-///    at such a pixel.
+///    the target has room for all pixels. Pixels are missing by chance if a fiftieth of all, and at
+///    least 50, are amid a surface, away from squares of five pixels a side without a measurement.
+///    Then all these pixels are treated alike, in holes of any size. Without limits on edges and
+///    steps, only lone pixels count towards the fiftieth, because nothing tells whether a narrow
+///    gap is within a surface. In the result no vertex is at such a pixel.
 /// 1. First triangulation: adaptive, by longest-edge bisection, down to single pixels where the
 ///    surface ends or is cut, so that silhouettes and depth discontinuities are boundaries of the
 ///    mesh from the start. kLive bisects by distance times area, and not below squares of four
