@@ -672,6 +672,41 @@ def test_bridges_are_the_area_of_the_missing_dense_triangles(holes: str) -> None
     assert whole.bridges == pytest.approx(missing / 100**2, rel=0.05)
 
 
+def bridged_share(
+    found: simplify.DepthMesh, dense: simplify.DepthMesh, shape: tuple[int, int]
+) -> float:
+    """Return the share of the area of ``found`` over no triangle of ``dense``, by sampling."""
+    halves = np.zeros((*shape, 4), bool)  # by the corner of a cell that a dense triangle lacks
+    triangles = dense.pixels[dense.faces]
+    first = triangles.min(axis=1)
+    lacks = 6 - ((triangles - first[:, None]) @ [1, 2]).sum(axis=1)
+    halves[first[:, 1], first[:, 0], lacks] = True
+    weights = np.random.default_rng(1).dirichlet([1, 1, 1], 2_000_000 // found.num_faces)
+    places = weights @ found.pixels[found.faces].astype(float)
+    cells = np.minimum(places.astype(int), np.array(shape)[::-1] - 2)
+    x, y = np.moveaxis(places - cells, -1, 0)
+    has = np.moveaxis(halves[cells[..., 1], cells[..., 0]], -1, 0)
+    over = (has[0] & (x + y >= 1)) | (has[3] & (x + y <= 1)) | (has[1] & (y >= x))
+    over |= has[2] & (x >= y)
+    a, b, c = np.moveaxis(found.vertices[found.faces].astype(float), 1, 0)
+    areas = np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    return float(((~over).mean(axis=1) * areas).sum() / areas.sum())
+
+
+@pytest.mark.parametrize("points", [40, 150, 600])
+def test_bridges_are_exact(points: int) -> None:
+    """Slivers along contours count; they once did not, and are most of the bridges."""
+    v, u = np.mgrid[:120, :160]
+    grid = bumps(120, 160)
+    valid = np.hypot(u - 80, v - 60) < 45 + 12 * np.sin(7 * np.arctan2(v - 60, u - 80))
+    valid &= np.hypot(u - 60, v - 50) > 9
+    found = simplify.relief_grid(grid, valid, points)
+    dense = simplify.dense_mesh_grid(grid, valid)
+    share = bridged_share(found, dense, valid.shape)
+    assert share > 0.005
+    assert found.bridges == pytest.approx(share, rel=0.03)
+
+
 def share_off(depth: NDArray[np.float32], t: NDArray[np.int64], step: float) -> tuple[float, float]:
     """Return bounds of the share of pixels over a triangle that lie a step off its plane.
 
@@ -713,7 +748,7 @@ def test_a_long_contour_gets_more_of_the_points() -> None:
     points = np.stack([0.01 * u, 0.01 * v, 2 + 0.1 * np.sin(u / 9)], axis=-1).astype(np.float32)
     found = simplify.relief_grid(points, valid, int(0.05 * valid.sum()))
     assert found.coverage > 0.99
-    assert found.bridges < 0.001
+    assert found.bridges < 0.05  # slivers between the contour and its chords
 
 
 def test_pixels_off_a_triangle_are_those_off_its_plane() -> None:
@@ -826,9 +861,9 @@ def test_the_boundary_ends_where_the_surface_does(effort: simplify.Effort) -> No
     few = simplify.relief_grid(points, valid, 40, effort=effort)
     many = simplify.relief_grid(points, valid, 300, effort=effort)
     assert few.coverage > 0.97
-    assert few.bridges < 0.0005  # live: 0.0002
+    assert few.bridges < 0.007  # slivers along the contours; live: 0.0057
     assert many.coverage > 0.999
-    assert many.bridges == 0.0
+    assert many.bridges < 0.008
 
 
 @pytest.mark.golden
@@ -1409,7 +1444,8 @@ def test_vertices_go_where_they_cover_more(seed: int) -> None:
     )
     assert balanced.num_used == points
     assert 1 - balanced.coverage < 0.5 * (1 - fast.coverage)
-    assert balanced.bridges <= fast.bridges
+    # Vertices are priced by whole pixels, without slivers along the contour.
+    assert balanced.bridges <= fast.bridges + 0.005
     faces = corners(balanced)[:, ::-1]  # rows go down
     assert (doubled_areas(faces) > 0).all()
     inside = np.argwhere(depth > 0)[::7, ::-1] + np.array([0.31, 0.17])

@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <array>
-#include <bit>
 #include <cmath>
 #include <cstdlib>
 #include <string>
@@ -10,6 +9,7 @@
 #include <utility>
 
 #include "manip3d/error.hpp"
+#include "simplify/relief_bridges.hpp"
 #include "simplify/relief_raster.hpp"
 
 namespace manip3d {
@@ -28,38 +28,18 @@ bool holds(const Corners& t, const Corner& p) {
          doubled_area(t[2], t[0], p) >= 0;
 }
 
-/// Dense triangles of cells that are missing, each half of a cell.
-struct MissingHalves {
-  std::int64_t all = 0;
-  std::int64_t filled = 0;  ///< Those that filled pixels complete.
-};
-
-/// The missing ones of the two dense triangles of the cell above and right of a pixel, for a
-/// triangle over the pixel. If the cell is not completely inside the triangle, only the pixel
-/// itself counts.
-/// @param filled  By pixel: whether it was filled; or empty.
-MissingHalves missing_halves(const Surface& surface, std::span<const std::uint8_t> filled,
-                             const Corners& t, std::int32_t pixel) {
-  const int halves = std::popcount(surface.cell(pixel) & unsigned{kFull});
-  if (halves == 2) return {};
+/// The number of missing ones of the two dense triangles of the cell above and right of a pixel,
+/// for a triangle over the pixel. If the cell is not completely inside the triangle, only the pixel
+/// itself counts. This estimate, which ignores slivers along contours, is what bridges are priced
+/// by; bridged_cells() is exact.
+int missing_halves(const Surface& surface, const Corners& t, std::int32_t pixel) {
+  const int missing = num_missing(surface.cell(pixel));
+  if (missing == 0) return 0;
   const int u = surface.u(pixel), v = surface.v(pixel);
   const bool holds_cell = u + 1 < surface.cols() && v + 1 < surface.rows() &&
                           holds(t, {u + 1, v}) && holds(t, {u, v + 1}) && holds(t, {u + 1, v + 1});
-  if (!holds_cell) {
-    if (surface.is_used(pixel)) return {};
-    return {2, !filled.empty() && filled[pixel] != 0 ? 2 : 0};
-  }
-  const int missing = 2 - halves;
-  if (filled.empty()) return {missing, 0};
-  int num_filled = 0, without_surface = 0;
-  for (const std::int32_t p :
-       {pixel, pixel + 1, pixel + surface.cols(), pixel + surface.cols() + 1}) {
-    num_filled += filled[p];
-    without_surface += surface.is_used(p) || filled[p] != 0 ? 0 : 1;
-  }
-  // Each corner without surface takes a triangle, and the last two leave none.
-  if (num_filled == 0 || without_surface > 1) return {missing, 0};
-  return {missing, missing - without_surface};
+  if (holds_cell) return missing;
+  return surface.is_used(pixel) ? 0 : 2;
 }
 
 /// Marks the filled pixels, which are given as pixels of the input. Leaves `marks` empty if there
@@ -234,28 +214,25 @@ Corners corners_of(const Surface& surface, const Eigen::Ref<const Rows<std::int3
   return t;
 }
 
-/// Area of a face over pixels without surface.
-struct BridgeArea {
-  double all = 0.0;
-  double filled = 0.0;  ///< The part of it over filled pixels.
-};
-
 /// Sums of pixels and areas over the faces of a mesh.
 struct Covered {
   double area = 0.0;
-  BridgeArea bridges;
+  double bridges = 0.0;
+  double filled = 0.0;  ///< The part of `bridges` over filled pixels.
   std::int64_t pixels = 0;
 
-  void add(double face_area, const BridgeArea& bridge) {
+  /// @param cells       The number of cells that the face is as large as.
+  /// @param over_cells  The part of them without a dense triangle.
+  void add(double face_area, double cells, const BridgedCells& over_cells) {
     area += face_area;
-    bridges.all += bridge.all;
-    bridges.filled += bridge.filled;
+    bridges += face_area * over_cells.all / cells;
+    filled += face_area * over_cells.filled / cells;
   }
   [[nodiscard]] DepthCoverage of(const Surface& surface) const {
     DepthCoverage result;
     result.coverage = static_cast<double>(pixels) / static_cast<double>(surface.num_used());
-    result.bridges = area > 0.0 ? bridges.all / area : 0.0;
-    result.filled = area > 0.0 ? bridges.filled / area : 0.0;
+    result.bridges = area > 0.0 ? bridges / area : 0.0;
+    result.filled = area > 0.0 ? filled / area : 0.0;
     result.outside = share_outside(surface);
     return result;
   }
@@ -282,46 +259,20 @@ void count_pixels(const Surface& surface, std::span<const std::uint8_t> covered,
   }
 }
 
-/// The part of a face's area over pixels without surface.
-/// @param visit  Called with the first and the last pixel of each of its rows.
-template <typename Visit>
-BridgeArea bridge_of(const Surface& surface, const Corners& t, const CoverageScratch& scratch,
-                     Visit&& visit) {
-  const std::span<const std::int32_t> flaws = scratch.flaws;
-  std::int64_t inside = 0;
-  MissingHalves missing;
-  visit_spans(surface.cols(), t[0], t[1], t[2], SidePixels::kClosed,
-              [&](std::int32_t first, std::int32_t last) {
-                visit(first, last);
-                inside += last - first + 1;
-                if (flaws[first] == flaws[last + 1]) return;
-                for (std::int32_t p = first; p <= last; ++p) {
-                  const auto [all, filled] = missing_halves(surface, scratch.filled, t, p);
-                  missing.all += all;
-                  missing.filled += filled;
-                }
-              });
-  const auto area_over = [&](std::int64_t halves) {
-    return double{area_of(surface, t)} * static_cast<double>(halves) /
-           static_cast<double>(2 * inside);
-  };
-  return {area_over(missing.all), missing.filled > 0 ? area_over(missing.filled) : 0.0};
-}
-
 /// Marks the pixels that a face covers.
-/// @return  The part of its area over pixels without surface.
-BridgeArea cover_face(const Surface& surface, const Corners& t, std::uint8_t mark,
-                      CoverageScratch& scratch) {
+void cover_face(const Surface& surface, const Corners& t, std::uint8_t mark,
+                CoverageScratch& scratch) {
   const bool has_steps = surface.steps().has_steps();
   const InverseDepth plane = has_steps ? InverseDepth(surface, t) : InverseDepth();
-  return bridge_of(surface, t, scratch, [&](std::int32_t first, std::int32_t last) {
-    if (has_steps) {
-      cover_row(surface, plane, first, last, mark, scratch);
-    } else {
-      const auto begin = scratch.covered.begin();
-      std::fill(begin + first, begin + last + 1, mark);
-    }
-  });
+  visit_spans(surface.cols(), t[0], t[1], t[2], SidePixels::kClosed,
+              [&](std::int32_t first, std::int32_t last) {
+                if (has_steps) {
+                  cover_row(surface, plane, first, last, mark, scratch);
+                } else {
+                  const auto begin = scratch.covered.begin();
+                  std::fill(begin + first, begin + last + 1, mark);
+                }
+              });
 }
 
 /// Calls visit(pixel) for the pixels of the surface that a face covers.
@@ -336,18 +287,32 @@ void visit_covered(const Surface& surface, const Corners& t, Visit&& visit) {
   });
 }
 
+/// Estimates the part of a face's area over pixels without surface; see missing_halves().
+double bridge_of(const Surface& surface, const Corners& t, std::span<const std::int32_t> flaws) {
+  std::int64_t inside = 0, missing = 0;
+  visit_spans(surface.cols(), t[0], t[1], t[2], SidePixels::kClosed,
+              [&](std::int32_t first, std::int32_t last) {
+                inside += last - first + 1;
+                if (flaws[first] == flaws[last + 1]) return;
+                for (std::int32_t p = first; p <= last; ++p) {
+                  missing += missing_halves(surface, t, p);
+                }
+              });
+  return double{area_of(surface, t)} * static_cast<double>(missing) /
+         static_cast<double>(2 * inside);
+}
+
 /// Finds the bridges in the mesh of `scratch.corners`, the largest first.
 /// @return  Total area of the faces.
 double find_bridges(const Surface& surface, CoverageScratch& scratch) {
   count_flaws(surface, scratch.flaws);
-  scratch.filled.clear();
   scratch.bridges.clear();
   double whole = 0.0;
   for (std::size_t f = 0; f < scratch.corners.size(); ++f) {
     const Corners& t = scratch.corners[f];
     if (doubled_area(t[0], t[1], t[2]) == 0) continue;
     whole += double{area_of(surface, t)};
-    const double area = bridge_of(surface, t, scratch, [](auto, auto) {}).all;
+    const double area = bridge_of(surface, t, scratch.flaws);
     if (area > 0.0) scratch.bridges.push_back({area, static_cast<Eigen::Index>(f)});
   }
   std::ranges::sort(scratch.bridges, [](const Bridge& a, const Bridge& b) {
@@ -405,10 +370,12 @@ CutCoverage coverage_of(const Surface& surface,
     // A corner may be a distant pixel that the surface does not contain; its face covers nothing.
     if (doubled_area(t[0], t[1], t[2]) == 0 || !surface.holds_all(t)) continue;
     const bool is_off = !off.empty() && off[f] != 0;
-    const BridgeArea bridge = cover_face(surface, t, is_off ? kByOff : kByOthers, scratch);
+    cover_face(surface, t, is_off ? kByOff : kByOthers, scratch);
+    const BridgedCells bridged = bridged_cells(surface, scratch.flaws, scratch.filled, t);
     const double area = area_of(surface, t);
-    whole.add(area, bridge);
-    if (!is_off) without_off.add(area, bridge);
+    const double cells = 0.5 * static_cast<double>(doubled_area(t[0], t[1], t[2]));
+    whole.add(area, cells, bridged);
+    if (!is_off) without_off.add(area, cells, bridged);
   }
   count_pixels(surface, scratch.covered, whole, without_off);
   result.whole = whole.of(surface);
@@ -487,7 +454,7 @@ std::int64_t bridged_halves(const Surface& surface, std::span<const std::int32_t
               [&](std::int32_t first, std::int32_t last) {
                 if (flaws[first] == flaws[last + 1]) return;
                 for (std::int32_t p = first; p <= last; ++p) {
-                  sum += missing_halves(surface, {}, t, p).all;
+                  sum += missing_halves(surface, t, p);
                 }
               });
   return sum;

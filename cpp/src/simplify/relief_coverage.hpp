@@ -17,7 +17,7 @@ using Corners = std::array<Corner, 3>;
 
 /// A face over pixels without surface.
 struct Bridge {
-  double area;  ///< The area of the face over these pixels.
+  double area;  ///< The area of the face over these pixels, estimated without slivers.
   Eigen::Index face;
 };
 
@@ -66,7 +66,8 @@ std::int64_t covered_pixels(const Surface& surface, const std::array<std::int32_
 /// Counts, before each pixel in row-major order, the pixels whose cells are not complete.
 void count_flaws(const Surface& surface, std::vector<std::int32_t>& flaws);
 
-/// Number of halves of cells without surface that a triangle lies over; see DepthCoverage::bridges.
+/// Estimated number of halves of cells without surface that a triangle lies over, without slivers
+/// along contours.
 /// @param flaws  Result of count_flaws().
 std::int64_t bridged_halves(const Surface& surface, std::span<const std::int32_t> flaws,
                             const std::array<std::int32_t, 3>& pixels);

@@ -90,6 +90,12 @@ enum Cell : std::uint8_t {
   kCutFromBToC = 4,  ///< The cell is cut from b to c; without this bit from a to d.
 };
 
+/// The number of dense triangles that a cell lacks. The instruction that counts bits is missing in
+/// the oldest processors, and a call instead took a fifth of the time.
+constexpr int num_missing(std::uint8_t cell) {
+  return ((cell & kFirst) == 0 ? 1 : 0) + ((cell & kSecond) == 0 ? 1 : 0);
+}
+
 /// The dense surface of a point grid, cropped to its valid pixels, centred, scaled to a bounding
 /// box of diagonal 1, and padded to whole tiles with pixels that no triangle uses.
 class Surface {

@@ -668,7 +668,8 @@ def depth(
             min=0,
             max=1,
             help="With --strict, exit with code 4 if a larger share of the mesh's area bridges "
-            "gaps or, with --depth-step 0, depth steps. Filled pinholes do not count.",
+            "gaps, slivers along contours included, or, with --depth-step 0, depth steps. Filled "
+            "pinholes do not count.",
         ),
     ] = 0.1,
     bandwidth: Annotated[

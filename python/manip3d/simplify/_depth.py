@@ -378,7 +378,11 @@ class DepthSimplification(DepthMesh):
 
     @property
     def bridges(self) -> float:
-        """Share of the mesh's area that lies where the dense surface has no triangle."""
+        """Share of the mesh's area that lies where the dense surface has no triangle.
+
+        Slivers between the contour's steps from pixel to pixel and the sides of triangles count;
+        with few points they are most of it, a few per cent.
+        """
         return self._cover[1]
 
     @property

@@ -220,7 +220,8 @@ class DepthFileResult:
         Share of the dense mesh's pixels that lie in or on a face. The dense mesh joins all
         neighbouring measured pixels by triangles without an edge longer than ``max_edge``.
     bridges : float
-        Share of the faces' area that lies over no triangle of the dense mesh.
+        Share of the faces' area that lies over no triangle of the dense mesh, slivers along
+        contours included.
     filled : float
         The part of ``bridges`` over pinholes that a ``relief`` filled on purpose.
     outside : float

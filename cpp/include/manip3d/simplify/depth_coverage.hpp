@@ -28,13 +28,11 @@ struct DepthCoverage {
   /// steps, the depth of the triangle must also differ from that of the pixel by less than the
   /// limit.
   double coverage = 0.0;
-  /// Share of the mesh's area in space over pixels without dense triangles, where each triangle
-  /// counts by the share of its pixels that have no surface. A pixel represents the 2x2 cell above
-  /// and right of it if that lies in the triangle, and half a cell if only one of the two dense
-  /// triangles of the cell exists.
+  /// Share of the mesh's area in space where there is no dense triangle, slivers along contours
+  /// included: each triangle is clipped to the missing dense triangles, and its area counts by
+  /// their share of its area in the grid.
   double bridges = 0.0;
-  /// The part of `bridges` over pixels that were filled: no other pixel of their cells is without
-  /// surface.
+  /// The part of `bridges` over cells whose dense triangles filled pixels complete.
   double filled = 0.0;
   double outside = 0.0;  ///< Share of the valid pixels that no triangle of the dense surface uses.
 };
