@@ -365,8 +365,8 @@ def relief(
     most; except with ``live`` also meshes of fewer points, which must cover a tenth more. With 65
     to 128 points a mesh of 64 is the result if it covers a tenth more. With up to 64 points,
     ``live`` also makes a mesh as ``fast`` does if its own covers less than half. ``live``
-    measures ``coverage`` and ``bridges`` when they are first asked for, which takes up to a third
-    of the time of the mesh.
+    measures ``coverage`` and ``bridges`` when they are first asked for, which takes up to nine
+    tenths of the time of the mesh.
 
     A confidence multiplies the distance that decides whether a bisection is needed at its pixel,
     and the pixel's area in the sum of distances that flips and moves lower. A triangle's quadric,
