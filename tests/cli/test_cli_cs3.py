@@ -1182,13 +1182,14 @@ def test_filled_pinholes_are_no_shortfall(effort: str, frame: Path, tmp_path: Pa
     Image.fromarray(depth).save(frame)
     base = ("depth", frame, "--points", "300", "--intrinsics", FOCAL, "--effort", effort)
     output = tmp_path / "x.ply"
-    limits = ("--max-bridges", "0.01", "--min-coverage", "0.8")
+    # Slivers along the contour of the person are 0.04 of the area without missing pixels.
+    limits = ("--max-bridges", "0.08", "--min-coverage", "0.8")
     done = manip3d(*base, *limits, "--strict", "--json", "-o", output)
     record = json.loads(done.stdout)
     assert (done.returncode, record["bridges_missed"]) == (0, False), record
-    assert record["bridges"] > 0.05
+    assert record["bridges"] > 0.08
     done = manip3d(*base, "--force", "-o", output)
-    assert re.search(r"bridges gaps and \d\.\d\d % fills pinholes", done.stderr)
+    assert re.search(r"bridges gaps and \d+\.\d\d % fills pinholes", done.stderr)
 
 
 def test_a_missing_image_of_a_folder_fails_alone(tmp_path: Path) -> None:

@@ -9,17 +9,17 @@
 namespace manip3d::relief_detail {
 namespace {
 
-using Place = std::array<double, 2>;  // column and row
+using Point2 = std::array<double, 2>;  // column and row
 
 /// A convex polygon of few corners.
 struct Polygon {
   int size = 0;
-  std::array<Place, 7> corners{};  // those of a cell, and one more for each side of a triangle
-  void add(const Place& corner) { corners[size++] = corner; }
+  std::array<Point2, 7> corners{};  // those of a cell, and one more for each side of a triangle
+  void add(const Point2& corner) { corners[size++] = corner; }
   [[nodiscard]] double area() const {
     double doubled = 0.0;
     for (int i = 2; i < size; ++i) {
-      const Place &a = corners[0], &b = corners[i - 1], &c = corners[i];
+      const Point2 &a = corners[0], &b = corners[i - 1], &c = corners[i];
       doubled += (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]);
     }
     return 0.5 * doubled;
@@ -28,12 +28,12 @@ struct Polygon {
 
 /// The part of a polygon on the left of a line [Sutherland & Hodgman 1974].
 Polygon left_of(const Polygon& polygon, const Corner& from, const Corner& to) {
-  const auto distance = [&](const Place& p) {
+  const auto distance = [&](const Point2& p) {
     return (to[0] - from[0]) * (p[1] - from[1]) - (to[1] - from[1]) * (p[0] - from[0]);
   };
   Polygon part;
   for (int i = 0; i < polygon.size; ++i) {
-    const Place &a = polygon.corners[i], &b = polygon.corners[(i + 1) % polygon.size];
+    const Point2 &a = polygon.corners[i], &b = polygon.corners[(i + 1) % polygon.size];
     const double at_a = distance(a), at_b = distance(b);
     if (at_a >= 0.0) part.add(a);
     if ((at_a >= 0.0) == (at_b >= 0.0)) continue;
@@ -49,7 +49,7 @@ Polygon missing_part(const Surface& surface, std::int32_t pixel) {
   const std::uint8_t cell = surface.cell(pixel);
   const double u = surface.u(pixel), v = surface.v(pixel);
   if ((cell & kFull) == 0) {
-    return {4, {Place{u, v}, Place{u + 1, v}, Place{u + 1, v + 1}, Place{u, v + 1}}};
+    return {4, {Point2{u, v}, Point2{u + 1, v}, Point2{u + 1, v + 1}, Point2{u, v + 1}}};
   }
   Polygon part;
   const bool is_second = (cell & kSecond) == 0;
