@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from manip3d.authenticate._empty_bands import empty_bands
 from manip3d.authenticate._firings import (
     OFF_LATTICE,
     SIDES,
@@ -21,6 +22,7 @@ from manip3d.authenticate._sensors import is_unit_of_kitti
 from manip3d.authenticate._silences import (
     FEW_RETURNS,
     highest_are_silent,
+    is_silent_sector,
     silent_at_the_ends,
     single_holes_near,
     thinned_out,
@@ -204,9 +206,10 @@ def processing_of_extent(
     distance = np.sqrt(x * x + y * y + z * z)
 
     found = []
-    thinned = [] if firings is None else thinned_out(firings, distance, whole=gap <= CHANCE_GAP)
+    is_around = gap <= CHANCE_GAP
+    thinned = [] if firings is None else thinned_out(firings, lattice, distance, whole=is_around)
     is_thin = any(step.detail == FEW_RETURNS for step in thinned)
-    if not is_whole_turn and not (is_thin and gap <= CHANCE_GAP):
+    if not is_whole_turn and not (is_thin and is_around):
         found.append(Processing("cropped", f"no points in {gap:.0f} degrees of azimuth"))
     found += [Processing("cropped", cut) for _, cut in _cuts_far_away(wide, distance, firings)]
     if distance.min() > NEAREST_RANGE and _lowest_are_silent(reading, lattice):
@@ -224,13 +227,13 @@ def processing_of_extent(
     if is_as_mounted and (silence := _silence_of_own_car(reading, distance, lattice)):
         found.append(Processing("cropped", silence))
     in_height = _cropped_in_height(wide, distance, firings, sees_horizon=is_unit_of_kitti(lattice))
-    return found + in_height + thinned + turned
+    return found + in_height + _with_bands(thinned, wide, distance, firings) + turned
 
 
 def processing_of_own(
     points: NDArray[np.float32], lattice: SensorLattice, reading: LatticeReading | None
 ) -> list[Processing]:
-    """Find gaps in azimuth and points left out one by one in a scan of another HDL-64E.
+    """Find gaps, empty bands and points left out one by one in a scan of another HDL-64E.
 
     A lattice that was estimated from the scan itself tells these, but neither where the scanner's
     view ends nor its own car.
@@ -246,12 +249,35 @@ def processing_of_own(
     reading = lattice.read(points) if reading is None else reading
     firings = firings_of(reading, len(lattice.slope))
     gap = _gaps(reading.azimuth[reading.ring >= 0])[0]
-    distance = np.linalg.norm(points.astype(np.float64), axis=1)
-    found = [] if firings is None else thinned_out(firings, distance, whole=gap <= CHANCE_GAP)
+    wide = points.astype(np.float64)
+    distance = np.linalg.norm(wide, axis=1)
+    found = []
+    if firings is not None:
+        found = thinned_out(firings, lattice, distance, whole=gap <= CHANCE_GAP)
+        found = _with_bands(found, wide, distance, firings)
     is_thin = any(step.detail == FEW_RETURNS for step in found)
     if gap > (CHANCE_GAP if is_thin else WIDEST_GAP):
         found.insert(0, Processing("cropped", f"no points in {gap:.0f} degrees of azimuth"))
     return found
+
+
+def _with_bands(
+    thinned: list[Processing],
+    points: NDArray[np.float64],
+    distance: NDArray[np.float64],
+    firings: Firings | None,
+) -> list[Processing]:
+    """Add empty bands, which also explain why some lasers are silent in a sector.
+
+    Where points were left out one by one, silence beside the ends of a band shows no cut.
+    """
+    if firings is None or any(step.kind == "thinned" for step in thinned):
+        return thinned
+    are_lasers_missing = any(step.kind == "lasers" for step in thinned)
+    bands = empty_bands(points, distance, firings, elevations=not are_lasers_missing)
+    if not bands:
+        return thinned
+    return bands + [step for step in thinned if not is_silent_sector(step)]
 
 
 def _cuts_far_away(

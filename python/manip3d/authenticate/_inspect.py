@@ -173,8 +173,10 @@ def inspect(
     but are no evidence of an edit.
 
     If a scan was processed as a whole, detector III does not judge missing points, and detectors IV
-    and V do not run: the scan is ``processed``, whether or not points were removed as well. As an
-    exception, detectors IV and V judge scans of which only whole lasers are missing.
+    and V do not run: the scan is ``processed``, whether or not points were removed as well. There
+    are exceptions: detectors IV and V judge scans of which only whole lasers are missing, and all
+    three those in which some lasers have no returns in a sector. If several lasers in a row are
+    missing, everywhere or in a sector, detector V is ``undecidable``.
 
     Examples
     --------

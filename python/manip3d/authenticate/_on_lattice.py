@@ -45,7 +45,11 @@ from manip3d.authenticate._reports import (
     turns_report,
 )
 from manip3d.authenticate._sensors import HDL64E, Sensor
-from manip3d.authenticate._silences import silent_lasers
+from manip3d.authenticate._silences import (
+    is_silent_sector,
+    lacks_neighbouring_lasers,
+    silent_lasers,
+)
 from manip3d.authenticate._standpoint import Identified, at_origin
 from manip3d.authenticate._turns import (
     FARTHEST,
@@ -219,13 +223,19 @@ def _processing_of_points(
 
 
 def _changed(processing: Sequence[Processing]) -> list[Processing]:
-    """Steps of processing that removed or moved points."""
-    return [step for step in processing if step.kind not in COORDINATES_KEPT]
+    """Steps of processing that removed or moved points, except in a sector of some lasers."""
+    return [
+        step
+        for step in processing
+        if step.kind not in COORDINATES_KEPT and not is_silent_sector(step)
+    ]
 
 
 def _are_comparable(sensor: Sensor, processing: Sequence[Processing]) -> bool:
     """Whether detectors IV and V know the scanner, and can judge the scan after its processing."""
-    return sensor.name == HDL64E and all(step.kind in STILL_COMPARED for step in processing)
+    return sensor.name == HDL64E and all(
+        step.kind in STILL_COMPARED or is_silent_sector(step) for step in processing
+    )
 
 
 class _Compared(NamedTuple):
@@ -255,12 +265,37 @@ def _compared(
         if not are_in_place:
             compared, why_not = (None, None), [*why_not, *lacking]
     turns, reflectance = _beside_turns(centred, case.identified, compared, lacking, case.threads)
-    if turns is not None and turns.foreign:
+    is_whole = not any(is_silent_sector(step) for step in processing)
+    if turns is not None and turns.foreign and is_whole:
         of_turns += (Processing("foreign", FOREIGN),)
     reflectance = _unless_foreign(reflectance, processing)
+    if reflectance is not None and _lacks_lasers(centred, case.identified, processing):
+        reflectance = replace(
+            reflectance, verdict="undecidable", reason=LASERS_MISSING, regions=(),
+            suspected=np.empty(0, np.int64),
+        )  # fmt: skip
     if reflectance is not None and reflectance.rewritten:
         of_turns += (Processing("reflectances", reflectance.rewritten),)
     return _Compared(turns, reflectance, of_turns, why_not)
+
+
+LASERS_MISSING = (
+    "several lasers in a row are missing, without which reflectances differ more from turn to turn"
+)
+"""Reason of detector V. In drive 0002 without lasers 30 to 33 it called one of ten frames tampered:
+its thresholds hold for whole scans, and for those without single lasers or the lowest ones."""
+
+
+def _lacks_lasers(
+    centred: LidarFrame, identified: Identified, processing: Sequence[Processing]
+) -> bool:
+    """Whether several lasers in a row are missing between others, everywhere or in a sector."""
+    if any(is_silent_sector(step) for step in processing):
+        return True
+    sensor, reading = identified
+    if sensor.lattice is None or not any(step.kind == "lasers" for step in processing):
+        return False
+    return lacks_neighbouring_lasers(centred.points, sensor.lattice, reading)
 
 
 def _unless_foreign(
