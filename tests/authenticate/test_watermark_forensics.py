@@ -64,6 +64,19 @@ def test_a_verified_watermark_is_allowed_for(embedding: str, key: KeyFile) -> No
     assert same.record() == found.record()
 
 
+def test_reflectances_that_were_judged_are_not_said_to_be_none(key: KeyFile) -> None:
+    """What share of rewritten ones is found was not measured in scans with a watermark."""
+    sent = Watermarker(key).embed(street())
+    found = inspect(sent.frame, lattice=LATTICE, watermark=sent.record, key=key)
+    (judged,) = (each for each in found.detectors if each.name == "reflectance")
+    assert (judged.verdict, dict(judged.power)) == ("no_trace", {})
+    assert not any("the scan has none that can be judged" in name for name in found.blind)
+    assert any("not measured in scans with a watermark" in note for note in found.power_notes)
+    bare = inspect(street().replace(intensity=None), lattice=LATTICE)
+    assert any("the scan has none that can be judged" in name for name in bare.blind)
+    assert not any("watermark" in note for note in bare.power_notes)
+
+
 @pytest.mark.parametrize(("units", "verdict"), [(2000, "no_trace"), (10_000, "no_trace"),
                                                 (200, "processed")])  # fmt: skip
 def test_a_watermark_on_another_grid_is_allowed_for(units: int, verdict: str, key: KeyFile) -> None:

@@ -23,6 +23,7 @@ from manip3d.authenticate._power import (
     MIN_POINTS,
     NEAREST,
     OBJECT_RADIUS,
+    UNMEASURED_REFLECTANCES,
     known_power,
 )
 from manip3d.authenticate._reflectance import ReflectanceResult
@@ -281,6 +282,11 @@ class Inspection(Showable):
             f"point, with at least {MIN_POINTS} returns, {NEAREST:.0f} to {FARTHEST:.0f} m from "
             "the scanner; nothing was measured of smaller and farther objects."
         ]
+        if any(
+            r.name == "reflectance" and r.p_value is not None and not r.power
+            for r in self.detectors
+        ):
+            notes.append(UNMEASURED_REFLECTANCES)
         alone = power.get("removed")
         beside = known_power("turns", self.sensor).get("removed")
         if alone is not None and beside is not None and alone.share < beside.share:

@@ -176,25 +176,23 @@ def _returns_by_lattice(case: Case, beside: Beside, padded: tuple[Processing, ..
     return combined(
         case.scan, position, case.source, sensor, reports, processing, generic=generic,
         turns=compared.turns, reflectance=compared.reflectance,
-        blind=_blind(sensor, {report.name for report in reports if report.power}),
+        blind=_blind(sensor, reports),
     )  # fmt: skip
 
 
-def _blind(sensor: Sensor, judging: set[str]) -> tuple[str, ...]:
-    """Classes of edits that no detector finds in scans of a scanner.
+def _blind(sensor: Sensor, reports: Sequence[DetectorReport]) -> tuple[str, ...]:
+    """Classes of edits that no detector finds in this scan of a scanner.
 
-    Parameters
-    ----------
-    sensor : Sensor
-    judging : set of str
-        Names of the detectors that judged the scan with known power.
+    Reflectances that were judged are none, even if the power was not measured; see
+    `Inspection.power_notes`.
     """
     blind = [*BLIND]
-    if "turns" not in judging:
+    if not any(report.name == "turns" and report.power for report in reports):
         blind.append(BLIND_WITHOUT_TURNS)
     if sensor.lattice is not None:
         blind += _blind_on(sensor.lattice)
-    if "reflectance" not in judging:
+    judged = ("no_trace", "tampered")
+    if not any(report.name == "reflectance" and report.verdict in judged for report in reports):
         blind.append(BLIND_WITHOUT_REFLECTANCES)
     return tuple(blind)
 

@@ -57,6 +57,12 @@ BLIND_WITHOUT_TURNS = (
 BLIND_WITHOUT_REFLECTANCES = "reflectance rewritten: the scan has none that can be judged"
 """A further blind class if detector V cannot judge the scan."""
 
+UNMEASURED_REFLECTANCES = (
+    "Detector V judged the reflectances; what share of rewritten reflectances it finds was not "
+    "measured in scans with a watermark, nor in those of other units than KITTI's."
+)
+"""Note on the power if detector V judged the scan without known power."""
+
 BLIND_WITHOUT_STEPS = "points turned about the scanner: its azimuths have no steps"
 """A further blind class if the lattice has lines and ranges only, as that of a Velodyne."""
 
