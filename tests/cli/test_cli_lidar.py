@@ -599,6 +599,29 @@ def test_several_scans_share_a_log(scan: Path, tmp_path: Path) -> None:
     }  # fmt: skip
 
 
+def test_a_log_that_is_gone_is_written_anew(scan: Path, tmp_path: Path) -> None:
+    """Rows of the earlier run were printed, and the log was not written at all."""
+    folder, log = tmp_path / "scans", tmp_path / "case.jsonl"
+    folder.mkdir()
+    for number in range(2):
+        (folder / f"{number}.bin").write_bytes(scan.read_bytes()[: 16 * 500])
+    asked = ("inspect", folder, "--table", tmp_path / "table.csv", "--log", log, "--jobs", 1)
+    assert run(*asked).exit_code == 4
+    log.unlink()
+    assert "earlier run" not in run(*asked).stderr
+    assert [Path(entry["source"]).name for entry in report.read_log(log)] == ["0.bin", "1.bin"]
+    again = run(*asked)
+    assert "2 from an earlier run" in again.stderr
+    assert "warning" not in again.stderr
+    assert len(report.read_log(log)) == 2
+    log.unlink()
+    run("inspect", folder / "0.bin", "--log", log, "-q")
+    told = " ".join(run(*asked).stderr.split())
+    assert "has no entry of 1 file from an earlier run; --force judges all again" in told
+    run(*asked, "--force")
+    assert {Path(entry["source"]).name for entry in report.read_log(log)} == {"0.bin", "1.bin"}
+
+
 def test_the_log_has_sources_that_cannot_be_read(scan: Path, tmp_path: Path) -> None:
     folder = tmp_path / "drive" / "velodyne"
     folder.mkdir(parents=True)

@@ -186,6 +186,21 @@ class SensorKind(StrEnum):
     other = "other"
 
 
+def _logged(options: Mapping[str, Any]) -> set[str] | None:
+    """Return the sources of the log's entries; None: there is no log, or it cannot be read yet."""
+    from manip3d import report
+
+    log: Path | None = options["log"]
+    if log is None:
+        return None
+    try:
+        return {str(entry["source"]) for entry in report.read_log(log)}
+    except FileNotFoundError:
+        return set()
+    except FormatError:  # an entry was interrupted; the next one repairs the log
+        return None
+
+
 @over_files(
     kinds.inspected_suffixes,
     find=_find_scans,
@@ -196,6 +211,7 @@ class SensorKind(StrEnum):
     exit_code=_code_of_rows,
     columns=("source", "verdict", "sensor", "p_value", "same_points_as", "reason"),
     across=_name_copies,
+    logged=_logged,
     beside=_records,
     depends=_stamp_of_keys,
 )
@@ -295,7 +311,10 @@ def inspect(
     ] = None,
     log: Annotated[
         Path | None,
-        typer.Option(help="Append the result to this .jsonl file, whose lines are hash-chained."),
+        typer.Option(
+            help="Append the result to this .jsonl file, whose lines are hash-chained. If it does "
+            "not exist, sources that an earlier run judged are judged again."
+        ),
     ] = None,
     force: Force = False,
     as_json: Json = False,

@@ -247,6 +247,10 @@ class over_files:  # a decorator: lower case, like functools.cached_property
         Adds values to rows that result from comparing them, before they are printed.
     find : callable, optional
         See `Many`; default: `manip3d.batch.find_files`.
+    logged : callable(options) -> set of str or None
+        Returns the sources in a log to which the verb appends; None: no log is given. If the log is
+        empty, all files are processed again. Rows of an earlier run that a log with other entries
+        does not have are mentioned.
     sentence : callable(rows) -> str
         Returns a sentence on all files together, which is printed for people; empty: none.
     may_be_frames : bool
@@ -284,6 +288,7 @@ class over_files:  # a decorator: lower case, like functools.cached_property
     )
     across: Callable[[list[dict[str, Any]]], object] = lambda rows: None
     find: Callable[..., list[SourceFile]] | None = None
+    logged: Callable[[Mapping[str, Any]], set[str] | None] = lambda options: None
     sentence: Callable[[Sequence[Mapping[str, Any]]], str] = lambda rows: ""
     may_be_frames: bool = False
 
@@ -472,6 +477,8 @@ class _Run:
         }
         options = {n: value for n, value in given.items() if n not in ("output", *_SHARED)}
         failures = _Failures(shell, many.noun)
+        logged = rules.logged(given)
+        is_empty = logged is not None and not logged
         with shell.progress(self._verb.__name__) as progress:
             summary = batch.run(
                 on_file,
@@ -488,7 +495,7 @@ class _Run:
                 jobs=1 if in_order else self._batch.jobs,
                 dask=self._batch.dask,
                 overwrite=given.get("force", False),
-                resume=rules.resumes and not in_order,
+                resume=rules.resumes and not in_order and not is_empty,
                 inputs_of=lambda file: self._inputs(file, each.get(file.name, {})),
                 progress=progress,
                 on_error=failures.tell,
@@ -499,7 +506,21 @@ class _Run:
         if words := rules.sentence(summary.rows):
             shell.say(words)
         _tell(shell, summary, many.noun, rules.columns)
+        if logged is not None:
+            self._tell_not_logged(summary, many.noun)
         return summary
+
+    def _tell_not_logged(self, summary: Summary, noun: str) -> None:
+        """Mention rows of an earlier run that the log does not have."""
+        logged = self._rules.logged(self._given) or set()
+        rows = (row for row in summary.rows if not row.get("error") and not row.get(SKIPPED))
+        missing = sum(row["source"] not in logged for row in rows)
+        if summary.resumed and missing:
+            told = counted(missing, noun)
+            self._shell.warn(
+                f"{self._given['log']} has no entry of {told} from an earlier run; --force judges "
+                "all again"
+            )
 
     def _inputs(self, file: SourceFile, more: Mapping[str, Any]) -> list[str]:
         """Return the files and folders that the verb reads in addition to the source.
