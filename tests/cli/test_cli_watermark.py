@@ -8,6 +8,7 @@ import errno
 import json
 import lzma
 import os
+import re
 import shutil
 from pathlib import Path
 from typing import Any
@@ -127,6 +128,29 @@ def test_a_drive_that_nobody_signed_is_not_replaced(key: Path, drive: Path, tmp_
     done = run("embed", drive, "--key", key, "-o", other, "--force")
     assert "other holds scans that nobody signed" in str(done.exception)
     assert [frame_of(other, number).read_bytes() for number in (0, 7)] == [bytes(16)] * 2
+
+
+@pytest.mark.parametrize("embedding", ["lbm", "qim"])
+def test_points_off_the_grid_are_refused_with_the_options_that_help(
+    key: Path, tmp_path: Path, embedding: str
+) -> None:
+    """``--round`` moves no point farther than the help says."""
+    off = scan(0).points + np.random.default_rng(1).uniform(-5e-4, 5e-4, (8000, 3))
+    source, out = tmp_path / "a.bin", tmp_path / "b.bin"
+    manip3d.LidarFrame(off.astype(np.float32)).write(source)
+    asked = ("embed", source, "--key", key, "-o", out, "--embedding", embedding)
+    refused = str(run(*asked).exception)
+    assert refused.endswith("; give --embedding detached, which moves no point, or --round")
+    assert run(*asked, "--round").exit_code == 0
+    before, after = manip3d.io.read_scan(source).points, manip3d.io.read_scan(out).points
+    moved = np.linalg.norm(after.astype(np.float64) - before, axis=1).max()
+    help_text = " ".join(run("embed", "--help").output.split())
+    said = re.search(
+        r"with --round by at most ([\d.]+) mm \(lbm\) or ([\d.]+) mm \(qim\)", help_text
+    )
+    assert said is not None
+    most = float(said[1 if embedding == "lbm" else 2]) / 1000.0
+    assert 0.9 * most < moved < most + 1e-5
 
 
 @pytest.mark.parametrize("embedding", ["lbm", "qim", "detached"])

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from enum import StrEnum
 from pathlib import Path
@@ -265,11 +266,12 @@ def embed(
 
     The record of each scan is written beside it, as SCAN.wm, or with --picture in the lowest bits
     of the picture, SCAN.png or that of the drive. Points move by at most 1.8 mm (lbm), 1.9 mm (qim)
-    or not at all (detached). The other files of a drive (pictures, positions, times, labels,
-    calibration) are copied unchanged. A run that was stopped, or whose disk was full, continues
-    when the same command is given again. With --force, scans and records of an earlier drive are
-    deleted from the output's folder of scans. Several drives are processed in parallel; each is one
-    session, whose frames are chained.
+    or not at all (detached); with --round by at most 2.6 mm (lbm) or 2.5 mm (qim). These are
+    numbers for a grid of 1 mm; another one (--units-per-m) multiplies those of lbm by its step. The
+    other files of a drive (pictures, positions, times, labels, calibration) are copied unchanged. A
+    run that was stopped, or whose disk was full, continues when the same command is given again.
+    With --force, scans and records of an earlier drive are deleted from the output's folder of
+    scans. Several drives are processed in parallel; each is one session, whose frames are chained.
 
     Example: manip3d watermark embed drive --key sensor.key -o signed
     """
@@ -284,6 +286,7 @@ def embed(
         check_output(output, FOLDER_SUFFIXES, force=force)
     with (
         naming_options("output", "picture", "sensor", "units-per-m", "origin"),
+        _naming_remedies(),
         authenticate.KeyFile(key) as secret,
         authenticate.Watermarker(
             secret,
@@ -332,6 +335,23 @@ def embed(
         shell.say(f"went on after {counted(were_there, 'scan')} of an earlier run")
     shell.say(f"wrote {_with_records(len(scans), carrier)} to {output}")
     shell.result(record, lambda console: console.print(f"session {record['session']}"))
+
+
+_REMEDIES = "embed 'detached', or round the points onto the grid"
+"""Advice of the error about points that are off the grid."""
+
+
+@contextmanager
+def _naming_remedies() -> Iterator[None]:
+    """Let the error about points off the grid name the options that help."""
+    try:
+        yield
+    except InputError as error:
+        about, advice, rest = str(error).partition(_REMEDIES)
+        if not advice:
+            raise
+        options = "give --embedding detached, which moves no point, or --round"
+        raise InputError(about + options + rest) from error
 
 
 def _with_records(num_scans: int, carrier: str) -> str:
