@@ -65,7 +65,7 @@ def test_a_verified_watermark_is_allowed_for(embedding: str, key: KeyFile) -> No
 
 
 def test_reflectances_that_were_judged_are_not_said_to_be_none(key: KeyFile) -> None:
-    """What share of rewritten ones is found was not measured in scans with a watermark."""
+    """The share of rewritten ones that is found was not measured in scans with a watermark."""
     sent = Watermarker(key).embed(street())
     found = inspect(sent.frame, lattice=LATTICE, watermark=sent.record, key=key)
     (judged,) = (each for each in found.detectors if each.name == "reflectance")

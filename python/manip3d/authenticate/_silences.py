@@ -65,7 +65,7 @@ streets), which chose the limit, the number is at most 93, and in 37 other frame
 most 80. A page of a file that was lost, or filled with zeros, removes 256 rows of a laser."""
 
 MANY_LASERS = 24
-"""So many neighbouring lasers always include some that meet a surface nearby, whatever the lasers
+"""Number of neighbouring lasers of which some always meet a surface nearby, whatever the lasers
 beside them do: in the same frames they are silent in at most 16 and 81 successive azimuths. More
 than `MAX_SILENT` count as a crop."""
 
