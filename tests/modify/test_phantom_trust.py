@@ -22,7 +22,7 @@ from manip3d.modify import (
     PixelKind,
 )
 from manip3d.rgbd import INFERRED, JOINTS, MIRRORED_JOINTS
-from manip3d.simulate import BodySimulator
+from manip3d.simulate import LIMBS, BodySimulator
 from manip3d.simulate.people import DEPTH_CAMERA
 from real_data import RealData
 
@@ -874,6 +874,29 @@ def test_a_stump_is_not_mirrored_if_the_wrong_limb_is_chosen(
     assert all(result.reason is PhantomReason.INFERRED for result in results[10:])
     assert all(result.state is not PhantomState.TRACKING for result in results[10:])
     assert "chosen" in results[-1].message
+
+
+@pytest.mark.parametrize("stump", [0.15, 0.3])
+@pytest.mark.parametrize(
+    ("missing", "chosen", "motion"),
+    [("right_arm", "left_arm", "wave"), ("left_leg", "right_leg", "stepping")],
+)
+def test_a_limb_that_was_chosen_though_it_exists_is_taken_out(
+    missing: Limb, chosen: Limb, motion: str, stump: float
+) -> None:
+    """No part of the limb floats without the rest of it, which its mirrored stump replaces."""
+    pipeline = PhantomPipeline(chosen)
+    simulator = BodySimulator(
+        motion=motion, amputated=missing, stump=stump, color="none", room=False, seed=3
+    )
+    root, *bones = LIMBS[chosen]
+    for number in range(8):
+        seen_now = simulator.capture(number / 30.0)
+        result = pipeline.process(seen_now.frame)
+        points = DEPTH_CAMERA.unproject(seen_now.frame.depth)
+        beyond_root = np.linalg.norm(points - seen_now.truth.joints[root], axis=-1) > 0.12
+        limb = np.isin(seen_now.truth.bones, bones) & beyond_root
+        assert (result.kinds[limb] == PixelKind.BODY).mean() < 0.05, number
 
 
 def test_joints_in_millimetres_are_named() -> None:

@@ -41,8 +41,12 @@ bool is_seen_through(const Eigen::Vector3f& p, std::uint8_t body, const DepthVie
   return true;
 }
 
+/// Whether a bone is much longer than that of the other limb. False unless the end of the other
+/// bone is tracked: if the other limb is the one that is missing, its joints are guessed at the
+/// stump.
 bool is_too_long(const Skeleton& person, Limb limb, std::size_t bone) {
   const auto chain = limb_chain(limb), other = limb_chain(opposite(limb));
+  if (person.state(other[bone]) != TrackingState::kTracked) return false;
   for (const Joint joint : {chain[bone - 1], chain[bone], other[bone - 1], other[bone]}) {
     if (!is_usable(person, joint)) return false;
   }

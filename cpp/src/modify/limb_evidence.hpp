@@ -20,8 +20,9 @@ namespace manip3d {
 /// A tracker that was made for whole people invents the joints of a missing limb and reports them
 /// as tracked. The depth image refutes a tracked joint if the camera looks through it: nothing of
 /// the person is at its depth, and nothing at all is nearer. A bone that is much longer than that
-/// of the other limb is refuted as well. One refuted joint refutes the limb. `body_index` may be
-/// null; then anything at a joint's depth counts as the person.
+/// of the other limb is refuted as well, if the end of the latter is tracked. One refuted joint
+/// refutes the limb. `body_index` may be null; then anything at a joint's depth counts as the
+/// person.
 bool may_have_limb(const Skeleton& person, Limb limb, const DepthView& depth,
                    const std::uint8_t* body_index, const PixelProjector& projector);
 
