@@ -272,6 +272,7 @@ void bind_enums(py::module_& m) {
       .value("DOUBLED", PhantomReason::kDoubled)
       .value("CLOTH", PhantomReason::kCloth)
       .value("LATE", PhantomReason::kLate)
+      .value("NO_JOINTS", PhantomReason::kNoJoints)
       .finalize();
 }
 

@@ -751,6 +751,7 @@ class PhantomReason(enum.Enum):
     DOUBLED = 14
     CLOTH = 15
     LATE = 16
+    NO_JOINTS = 17
 
 class JointSmootherOptions:
     @staticmethod

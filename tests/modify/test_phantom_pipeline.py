@@ -649,7 +649,7 @@ def test_a_leg_is_found_where_its_flesh_is(joints: tuple[str, ...], shift: float
 LOSSES = {
     "occluded": (occluded, PhantomReason.OCCLUDED, 0.0),
     "inferred": (guessed, PhantomReason.INFERRED, 0.2),
-    "no skeleton": (lambda s: replace(frame(s), skeletons=()), PhantomReason.NO_PERSON, 0.0),
+    "no skeleton": (lambda s: replace(frame(s), skeletons=()), PhantomReason.NO_JOINTS, 0.0),
 }
 
 
@@ -749,7 +749,7 @@ def test_nobody_is_nothing() -> None:
     empty = replace(frame(pose()), skeletons=())
     result = PhantomPipeline("left_leg").process(empty)
     assert result.state is PhantomState.LOST
-    assert result.reason is PhantomReason.NO_PERSON
+    assert result.reason is PhantomReason.NO_JOINTS
     assert len(result.vertices) == len(result.faces) == 0
     assert not result.depth.any()
 

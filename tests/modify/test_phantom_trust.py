@@ -729,9 +729,43 @@ def test_a_source_without_skeletons_is_named() -> None:
         pipeline.process(replace(nobody, time_ns=k * 100_000_000, number=k)).reason
         for k in range(12)
     ]
-    assert reasons[0] is PhantomReason.NO_PERSON
+    assert reasons[0] is PhantomReason.NO_JOINTS
     assert reasons[-1] is PhantomReason.NO_SKELETON
     assert "no skeleton" in reasons[-1].message
+
+
+def without_joints(whole: Skeleton) -> Skeleton:
+    """Return a skeleton whose tracker found nothing."""
+    return replace(whole, positions=0 * whole.positions, states=0 * whole.states)
+
+
+@pytest.mark.parametrize("has_skeleton", [False, True])
+def test_pictures_without_joints_are_not_said_to_be_without_the_patient(has_skeleton: bool) -> None:
+    pipeline = PhantomPipeline("right_arm")
+    truth = pose()
+    reasons = []
+    for number in range(12):
+        image = seen(truth, number)
+        if 5 <= number < 10:
+            people = (without_joints(truth),) if has_skeleton else ()
+            image = replace(image, skeletons=people)
+        reasons.append(pipeline.process(image).reason)
+    assert (
+        reasons
+        == [PhantomReason.NONE] * 5 + [PhantomReason.NO_JOINTS] * 5 + [PhantomReason.NONE] * 2
+    )
+    assert "no joints" in PhantomReason.NO_JOINTS.message
+
+
+def test_joints_of_a_visitor_only_are_a_picture_without_the_patient() -> None:
+    pipeline = PhantomPipeline("right_arm")
+    visitor = pose(at=(1.2, 0, 3.2), identity=2, body=1)
+    for number in range(8):
+        image = crowd(pose(identity=1), visitor, number)
+        told = image.skeletons if number < 5 else (visitor,)
+        result = pipeline.process(replace(image, skeletons=told))
+    assert result.reason is PhantomReason.NO_PERSON
+    assert result.message == "The patient is not in view."
 
 
 @pytest.mark.parametrize("factor", [0.6, 1.6])

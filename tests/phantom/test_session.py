@@ -307,7 +307,9 @@ def test_starting_waits_for_a_phantom_limb() -> None:
 @pytest.mark.parametrize(
     ("has_color", "reason", "message"),
     [
-        (True, "no_person", "The patient is not in view."),
+        (True, "no_joints",
+         "The tracker has no joints in this picture: the patient is out of view, or was not "
+         "recognised."),
         (False, "no_skeleton",
          "The source has no colour images, in which --pose would find the joints."),
     ],

@@ -148,7 +148,7 @@ def test_a_second_without_a_skeleton() -> None:
     results = [pipeline.process(frame) for frame in simulator]
     assert all(r.state is PhantomState.TRACKING for r in (*results[:15], *results[46:]))
     lost = results[16:44]
-    assert all(r.reason is PhantomReason.NO_PERSON for r in lost)
+    assert all(r.reason is PhantomReason.NO_JOINTS for r in lost)
     assert all(r.state is not PhantomState.TRACKING for r in lost)
 
 

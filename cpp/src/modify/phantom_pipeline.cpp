@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <chrono>
 #include <optional>
+#include <span>
 #include <string>
 #include <utility>
 #include <vector>
@@ -86,6 +87,14 @@ class LeapMeter {
   std::optional<Ends> last_;
 };
 
+/// Reason for a frame in which the patient was not found. People are found by the joints of their
+/// trunks; without any, nothing is known about who is in view.
+PhantomReason reason_for_absence(std::span<const Skeleton> people) {
+  const bool has_joints = std::ranges::any_of(
+      people, [](const Skeleton& person) { return spine_base(person).has_value(); });
+  return has_joints ? PhantomReason::kNoPerson : PhantomReason::kNoJoints;
+}
+
 }  // namespace
 
 class PhantomPipeline::Workspace {
@@ -132,7 +141,7 @@ class PhantomPipeline::Workspace {
     }
     report.plane = plane_.frame();
     stages.end(PhantomStage::kRemoval);
-    decide_state(now, *fitted, time_s, image, report);
+    decide_state(now, *fitted, input.people, time_s, image, report);
     const Shown shown = mirror(*now.person, *fitted, input, image, report);
     stages.end(PhantomStage::kMirroring);
     const PixelBox all = fill(shown, time_s, image, report);
@@ -250,7 +259,7 @@ class PhantomPipeline::Workspace {
     if (now.is_here && (is_beside_all_ || shows_elsewhere(*now.person, input))) {
       return PhantomReason::kCalibration;
     }
-    return lacks_skeletons() ? PhantomReason::kNoSkeleton : PhantomReason::kNoPerson;
+    return lacks_skeletons() ? PhantomReason::kNoSkeleton : reason_for_absence(input.people);
   }
 
   /// Does the body index have measured pixels of the person? Called if none of them is at the depth
@@ -463,8 +472,9 @@ class PhantomPipeline::Workspace {
 
   /// Decides whether the intact limb can be mirrored, and if not, whether the last phantom is held,
   /// fades or is lost.
-  void decide_state(const PatientFrame& now, const Skeleton& person, double time_s,
-                    const PhantomImage& image, PhantomReport& report) {
+  void decide_state(const PatientFrame& now, const Skeleton& person,
+                    std::span<const Skeleton> people, double time_s, const PhantomImage& image,
+                    PhantomReport& report) {
     const Limb intact = opposite(options_.affected);
     const PixelProjector projector(*camera_, rays_);
     report.visible = visible_share(person, intact, projector, image);
@@ -473,7 +483,7 @@ class PhantomPipeline::Workspace {
       return !is_stump && shows_limb_at(person, intact, joint, projector, image);
     });
     if (!now.is_here) {
-      report.reason = PhantomReason::kNoPerson;
+      report.reason = reason_for_absence(people);
     } else if (stopped_.are_stopped()) {
       report.reason = PhantomReason::kStopped;
     } else if (!plane_.frame()) {

@@ -73,7 +73,7 @@ class PhantomReason(enum.StrEnum):
     """Reason why the state of a frame is not TRACKING."""
 
     NONE = "none"  #: the state is TRACKING
-    NO_PERSON = "no_person"  #: the key person has no skeleton or no pixels in the frame
+    NO_PERSON = "no_person"  #: the key person is not among the skeletons, or has no pixels
     NO_PLANE = "no_plane"  #: the axes of the body have not been found yet
     OCCLUDED = "occluded"  #: too little of limb or person is seen, or the phantom is not in view
     INFERRED = "inferred"  #: a joint of the intact limb is not seen and was inferred for too long
@@ -89,6 +89,7 @@ class PhantomReason(enum.StrEnum):
     DOUBLED = "doubled"  #: too much of the affected limb is still visible
     CLOTH = "cloth"  #: too many visible pixels may be an empty sleeve or trouser leg
     LATE = "late"  #: the frame repeats the last one, or is older
+    NO_JOINTS = "no_joints"  #: no skeleton of the frame has a joint of a trunk
 
     @property
     def message(self) -> str:
@@ -122,6 +123,8 @@ _MESSAGES = {
     "patient face the camera.",
     PhantomReason.LATE: "The camera's clock runs back, or a picture came twice: at most ten "
     "pictures in a row are passed over.",
+    PhantomReason.NO_JOINTS: "The tracker has no joints in this picture: the patient is out of "
+    "view, or was not recognised.",
 }
 
 

@@ -607,10 +607,10 @@ def _seen_joint(names: Sequence[str], side: str, skeleton: Skeleton) -> str:
 
 
 def _without_advice_to_find_joints(shown: PhantomFrame) -> PhantomFrame:
-    """Return the frame of a person whose joints were looked for: no skeleton means nobody."""
+    """Return the frame of a source whose joints are looked for: none were found in this frame."""
     if shown.reason != PhantomReason.NO_SKELETON:
         return shown
-    return replace(shown, reason=PhantomReason.NO_PERSON)
+    return replace(shown, reason=PhantomReason.NO_JOINTS)
 
 
 def _game_for(limb: str) -> str:

@@ -108,7 +108,7 @@ enum class PhantomState : std::uint8_t {
 /// one that exceeds its limit by the largest factor.
 enum class PhantomReason : std::uint8_t {
   kNone,      ///< The state is kTracking.
-  kNoPerson,  ///< The skeleton of the key person is missing.
+  kNoPerson,  ///< The key person is not among the skeletons, or has no pixels.
   kNoPlane,   ///< The axes of the body have not been found in any frame yet.
   /// Too little of the intact limb, or of the person, is visible, or the phantom lies outside the
   /// image.
@@ -127,6 +127,7 @@ enum class PhantomReason : std::uint8_t {
   kDoubled,   ///< Too much of the affected limb is still visible beside the phantom.
   kCloth,     ///< Too many pixels may be an empty sleeve or leg of trousers.
   kLate,      ///< The frame is not newer than the last one.
+  kNoJoints,  ///< No skeleton of the frame has a joint of a trunk.
 };
 
 /// Evidence for the direction of the vertical.
