@@ -121,14 +121,54 @@ def test_columns_of_poses_are_taken_by_their_names(tmp_path: Path) -> None:
         ("#format: frame_id tx ty tz qw qx qy qz gps", f"1403636579763555584,{pose},{w_first},0"),
         (stray, f"0.1, 1403636579763555584, {pose}, {w_last}, 5, 5, 3, 3"),
         (f"{stray}, distortion_center_x", f"0.1, 1403636579763555584, {pose}, {w_last},5,5,3,3, "),
-        ("# the quaternion is x y z w", f"1403636579.763556,{pose},{w_last}"),
-        ("# run q1 of a robot, w up", f"1403636579.763556,{pose},{w_last}"),
+        ("# unix_time tx ty tz qx qy qz qw", f"1403636579.763556,{pose},{w_last}"),
+        ("frame_no,tx,ty,tz,qw,qx,qy,qz", f"1403636579.763556,{pose},{w_first}"),
+        ("# Format: timestamp [tx ty tz] [qw qx qy qz]", f"1403636579.763556,{pose},{w_first}"),
+        ("#timestamp [s] (tx ty tz qw qx qy qz)", f"1403636579.763556,{pose},{w_first}"),
+        ("#timestamp;tx;ty;tz;qw;qx;qy;qz", f"1403636579.763556,{pose},{w_first}"),
+        ("# time|tx|ty|tz|qw|qx|qy|qz", f"1403636579.763556,{pose},{w_first}"),
+        ("# time - tx - ty - tz - qw - qx - qy - qz", f"1403636579.763556,{pose},{w_first}"),
+        ("# t pos.x pos.y pos.z q.w q.x q.y q.z", f"1403636579.763556,{pose},{w_first}"),
+        ("# t p[x] p[y] p[z] q[w] q[x] q[y] q[z]", f"1403636579.763556,{pose},{w_first}"),
+        ("# <time> <tx> <ty> <tz> <qw> <qx> <qy> <qz>", f"1403636579.763556,{pose},{w_first}"),
+        ("# 'time' 'tx' 'ty' 'tz' 'qw' 'qx' 'qy' 'qz'", f"1403636579.763556,{pose},{w_first}"),
+        ("# timestamp x y z qw qi qj qk", f"1403636579.763556,{pose},{w_first}"),
+        ("# timestamp tx ty tz qw qx qy qz (qw first)", f"1403636579.763556,{pose},{w_first}"),
     ):
-        place.write_text(f"# of a tool\n{head}\n{values}\n")
+        other = values.replace(pose, "7,8,9").replace("14036365", "14036364")
+        rows = values if head.startswith("# tx") else f"{other}\n{values}"
+        place.write_text(f"# of a tool\n{head}\n{rows}\n")
         (found,) = simplify.poses_of_files(["1403636579763555584.png"], place)
         np.testing.assert_array_equal(found[:3, 3], [1, 2, 3], head)
         turned = [[-0.28, -0.96, 0], [0.96, -0.28, 0], [0, 0, 1]]
         np.testing.assert_allclose(found[:3, :3], turned, atol=1e-12, err_msg=head)
+
+
+@pytest.mark.parametrize(
+    "remark",
+    [
+        "x right, y down, z forward; world W, z up",
+        "y up, x right, z back, W world",
+        "camera c in world w: x right y down z forward",
+        "Rot r1 r2 r3",
+        "run q1 of a robot, w up",
+        "the quaternion is x y z w",
+        "quaternion is x y z w (Hamilton), not w x y z",
+        "xyzw, not wxyz",
+        "time [s] position [m] quaternion (x,y,z,w)",
+        "rotation as quaternion qx,qy,qz,qw; translation tx,ty,tz",
+        "qx qy qz qw, where qw is the real part and qx, qy, qz the vector",
+        "qx qy qz qw = 0 0 0 1 for the first; tx ty tz in m",
+    ],
+)
+@pytest.mark.parametrize("is_first", [True, False])
+def test_remarks_in_a_trajectory_are_skipped(remark: str, is_first: bool, tmp_path: Path) -> None:
+    lines = ["4 7 8 9 0 0 0 1", "5 1 2 3 0 0 0.8 0.6"]
+    lines.insert(0 if is_first else 1, f"# {remark}")
+    (tmp_path / "truth.txt").write_text("\n".join(lines))
+    (pose,) = simplify.poses_of_files(["5.png"], tmp_path / "truth.txt")
+    np.testing.assert_allclose(pose[:2, 0], [-0.28, 0.96], rtol=1e-12)
+    assert pose[:3, 3].tolist() == [1, 2, 3]
 
 
 @pytest.mark.parametrize(
@@ -137,6 +177,12 @@ def test_columns_of_poses_are_taken_by_their_names(tmp_path: Path) -> None:
         ("# t tx ty tz q0 q1 q2 q3", 1, "expected names of the 8 columns below, tx ty tz qx"),
         ("# quaternions are w x y z", 1, "in any order, got '# quaternions are w x y z'"),
         ("# tx ty tz qw qx qy qz", 1, "expected names of the 8 columns"),  # there are 8 numbers
+        ("# timestamp position(x y z) quaternion(w x y z)", 1, "expected names of the 8 columns"),
+        ("# quaternion order wxyz", 1, "expected names of the 8 columns"),
+        ("1,1,2,3,1,0,0,0\n# quaternions are w x y z", 2, "expected names of the 8 columns"),
+        ("1,1,2,3,1,0,0,0\n# t tx ty tz qw qx qy qz", 2, "expected one order of the columns in"),
+        ("# t tx ty tz qx qy qz qw\n# t tx ty tz qw qx qy qz", 2, "one order .* got '# t tx ty tz"),
+        ("name,tx,ty,tz,qw,qx,qy,qz\na.png,1,2,3,1,0,0,0", 2, "expected finite numbers"),
         ("a,b,c,d,e,f,g,h", 1, "in any order, got 'a,b,c,d,e,f,g,h'"),
         ("time,x,y,z,qw,qx,qy,qz,fx\n1,1,2,3,1,0,0,0,5", 3, "expected 9 fields, as in the lines"),
         ("time,x,y,z,qw,qx,qy,qz\n1,1,2,3,1,,0,0", 2, "expected finite numbers"),

@@ -117,7 +117,7 @@ def trajectory(
     seven lack the time; twelve are the upper rows of a matrix, as in KITTI; sixteen are all of its
     rows, as in Replica. Times are None unless a line has 8 numbers. The first line or a comment
     before it may name the columns, of which time and pose are then taken in any order, as in EuRoC
-    and Stray Scanner; the number of a frame replaces the time.
+    and Stray Scanner; the number of a frame replaces the time. All lines that name them must agree.
     """
     lines = _lines_in_order(place)
     if not lines:
@@ -223,14 +223,14 @@ def _lines_in_order(place: Path) -> list[tuple[int, NDArray[np.float64]]]:
         Names of columns are not understood, or a line has other columns or no finite numbers.
     """
     lines = _filled_lines(place)
-    rows = [(number, line) for number, line in lines if not _is_comment(line)]
-    heading = lines[: lines.index(rows[0])] if rows else []
+    headings = [each for each in lines if _is_comment(each[1])]
+    rows = [each for each in lines if not _is_comment(each[1])]
     if rows and _holds_words(rows[0][1]):
-        heading, rows = rows[:1], rows[1:]
+        headings.append(rows.pop(0))
     if not rows:
         return []
-    width = len(first := fields_of(rows[0][1]))
-    columns = _columns_named_in(heading, first, place)
+    columns = _columns_named_in(headings, rows[0], place)
+    width = len(fields_of(rows[0][1]))
     found = []
     for number, line in rows:
         fields = fields_of(line)
@@ -243,25 +243,29 @@ def _lines_in_order(place: Path) -> list[tuple[int, NDArray[np.float64]]]:
 
 
 def _columns_named_in(
-    heading: Sequence[tuple[int, str]], fields: Sequence[str], place: Path
+    headings: Sequence[tuple[int, str]], first: tuple[int, str], place: Path
 ) -> tuple[int, ...]:
-    """Return the columns of time, if any, and pose; empty if no line of the heading names them.
+    """Return the columns of time, if any, and pose; empty if no line before the first names them.
 
-    ``fields`` are those of the first line of numbers. A comment that is not understood is refused
-    only if it names a quaternion in another order than the usual one.
+    ``first`` is the first line of numbers. A comment that is not understood is refused only if it
+    names a quaternion in another order than the usual one.
     """
-    for _, line in reversed(heading):
-        if columns := columns_of(names_in(line), fields):
-            return columns
-    for number, line in heading:
-        is_harmless = len(filled(fields)) in (12, 16) or not names_another_order(names_in(line))
-        if not (_is_comment(line) and is_harmless):
+    start, fields = first[0], fields_of(first[1])
+    named = {number: columns_of(names_in(line), fields) for number, line in headings}
+    columns = next((found for number, found in named.items() if found and number < start), ())
+    order = columns or tuple(range(len(filled(fields))))
+    for number, line in headings:
+        if named[number] not in ((), order):
+            text = f"expected one order of the columns in all of the file, got {line[:60]!r}"
+            raise FormatError(text, file=str(place), line=number)
+        is_harmless = len(order) in (12, 16) or not names_another_order(names_in(line))
+        if not (columns or (_is_comment(line) and is_harmless)):
             text = (
                 f"expected names of the {len(fields)} columns below, {' '.join(POSE)} among them "
                 f"in any order, got {line[:60]!r}"
             )
             raise FormatError(text, file=str(place), line=number)
-    return ()
+    return columns
 
 
 def _numbers_of_lines(place: Path) -> list[tuple[int, NDArray[np.float64]]]:

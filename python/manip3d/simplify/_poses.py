@@ -77,8 +77,10 @@ def poses_of_files(
     converted. If the names are not times, the lines are assigned in order, one to each file. Names
     are not times if none is a number; if all are whole numbers below 1e9, such as ``000001.png``,
     and the times have fractions; or if names and times ascend and most names are not near any time.
-    Lines without times are also assigned in order. In a ``.log`` a file's name is the number of its
-    frame; if a name is not a number, the matrices are assigned in order. In a ``transforms.json``
+    Lines without times are also assigned in order. Where columns are named, but none is a time or a
+    frame, the first one is the time, unless it is a part of the pose. A file is refused if comments
+    name different orders of its columns. In a ``.log`` a file's name is the number of its frame; if
+    a name is not a number, the matrices are assigned in order. In a ``transforms.json``
     the frame of a file is that whose ``depth_file_path``, or else ``file_path``, has the file's
     name, apart from the suffix. If no frame has the name of any file, the names may differ in the
     words depth and color (``depth_1.png``, ``rgb_1.png``), or else in all but their numbers, which
