@@ -102,6 +102,7 @@ def test_a_first_line_may_name_the_columns(tmp_path: Path) -> None:
     assert error.value.line == 1
 
 
+@pytest.mark.filterwarnings("ignore:poses. those of EuRoC")
 def test_columns_of_poses_are_taken_by_their_names(tmp_path: Path) -> None:
     """Order and number of the columns are those of EuRoC, TUM-VI, Kalibr and Stray Scanner."""
     place = tmp_path / "data.csv"
@@ -169,6 +170,13 @@ def test_remarks_in_a_trajectory_are_skipped(remark: str, is_first: bool, tmp_pa
     (pose,) = simplify.poses_of_files(["5.png"], tmp_path / "truth.txt")
     np.testing.assert_allclose(pose[:2, 0], [-0.28, 0.96], rtol=1e-12)
     assert pose[:3, 3].tolist() == [1, 2, 3]
+
+
+def test_poses_of_euroc_are_told_to_be_of_the_imu(tmp_path: Path) -> None:
+    names = [f"p_RS_R_{axis} [m]" for axis in "xyz"] + [f"q_RS_{axis} []" for axis in "wxyz"]
+    (tmp_path / "data.csv").write_text(f"#timestamp, {', '.join(names)}\n1,1,2,3,1,0,0,0\n")
+    with pytest.warns(UserWarning, match=r"data\.csv has, are of the IMU; multiply .* by T_BS of"):
+        simplify.poses_of_files(["1.png"], tmp_path / "data.csv")
 
 
 @pytest.mark.parametrize(

@@ -648,8 +648,9 @@ def depth(
         typer.Option(
             help="Camera pose of each depth image; they become one mesh: TUM's groundtruth.txt "
             "(time tx ty tz qx qy qz qw, or without the time, or the 12 or 16 numbers of a "
-            "matrix; other columns by their names: EuRoC, Stray Scanner's odometry.csv), a folder "
-            "with a matrix for each (7-Scenes, ScanNet), Redwood's .log, a transforms.json "
+            "matrix; other columns by their names: Stray Scanner's odometry.csv, EuRoC, whose "
+            "poses are of the IMU: multiply each from the right by T_BS of cam0/sensor.yaml), a "
+            "folder with a matrix for each (7-Scenes, ScanNet), Redwood's .log, a transforms.json "
             "(nerfstudio, instant-ngp, Record3D) or a Stanford .conf."
         ),
     ] = "",

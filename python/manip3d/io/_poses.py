@@ -5,11 +5,13 @@ from __future__ import annotations
 import json
 import math
 import re
+import warnings
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from manip3d._util.callers import caller_level
 from manip3d._util.linear import determinant, product
 from manip3d._util.text_files import text_of
 from manip3d.errors import FormatError
@@ -265,6 +267,12 @@ def _columns_named_in(
                 f"in any order, got {line[:60]!r}"
             )
             raise FormatError(text, file=str(place), line=number)
+    if any("_RS_" in line for number, line in headings if named[number]):
+        warnings.warn(
+            f"poses: those of EuRoC and TUM-VI, whose columns {place.name} has, are of the IMU; "
+            "multiply each from the right by T_BS of cam0/sensor.yaml for those of the camera",
+            stacklevel=caller_level(),
+        )
     return columns
 
 

@@ -79,13 +79,16 @@ def poses_of_files(
     and the times have fractions; or if names and times ascend and most names are not near any time.
     Lines without times are also assigned in order. Where columns are named, but none is a time or a
     frame, the first one is the time, unless it is a part of the pose. A file is refused if comments
-    name different orders of its columns. In a ``.log`` a file's name is the number of its frame; if
-    a name is not a number, the matrices are assigned in order. In a ``transforms.json``
-    the frame of a file is that whose ``depth_file_path``, or else ``file_path``, has the file's
-    name, apart from the suffix. If no frame has the name of any file, the names may differ in the
-    words depth and color (``depth_1.png``, ``rgb_1.png``), or else in all but their numbers, which
-    are compared by value. If no numbers agree, the frames are assigned in the order of their paths.
-    ``applied_scale`` is undone, so that poses are in the unit of depths.
+    name different orders of its columns. Poses of EuRoC's and TUM-VI's ground truth are those of
+    the IMU, of which a warning tells: multiply each from the right by ``T_BS`` of
+    ``cam0/sensor.yaml`` to get those of the camera. In a ``.log`` a file's name is the number of
+    its frame; if a name is not a number, the matrices are assigned in order. In a
+    ``transforms.json`` the frame of a file is that whose ``depth_file_path``, or else
+    ``file_path``, has the file's name, apart from the suffix. If no frame has the name of any file,
+    the names may differ in the words depth and color (``depth_1.png``, ``rgb_1.png``), or else in
+    all but their numbers, which are compared by value. If no numbers agree, the frames are assigned
+    in the order of their paths. ``applied_scale`` is undone, so that poses are in the unit of
+    depths.
 
     Examples
     --------
