@@ -821,14 +821,27 @@ def test_wrong_maps_are_one_line(frame: Path, tmp_path: Path) -> None:
     Image.fromarray(np.zeros((120, 160, 3), np.uint8)).save(color)
     base = ("depth", frame, "--points", "99", "--intrinsics", FOCAL, "-q", "-o", tmp_path / "x.ply")
     for options, message in (
-        (("--mask", small), "--mask: expected 160 x 120 pixels, as the depth image has, got 8 x 9"),
-        (("--confidence", small), "--confidence: expected 160 x 120 pixels"),
-        (("--confidence", shares), "or levels with --confidence-max, got 1.5 to 1.5"),
-        (("--confidence", shares, "--confidence-max", "2"), "whole numbers, got other floats"),
-        (("--confidence", wide), "--confidence-max: expected the highest level"),
+        (("--mask", small), "--mask: expected shape (120, 160), got (9, 8) (rows, columns)"),
+        (("--confidence", small), "--confidence: expected shape (120, 160), got (9, 8)"),
+        (
+            ("--confidence", shares),
+            "--confidence-max: expected the highest level, as the file has float64 up to 1.5",
+        ),
+        (
+            ("--confidence", shares, "--confidence-max", "2"),
+            "--confidence-max: expected whole numbers from 0 to 2, got 1.5",
+        ),
+        (
+            ("--confidence", wide),
+            "--confidence-max: expected the highest level, as the file has int64",
+        ),
+        (("--confidence", wide, "--confidence-max", "0"), "--confidence-max: expected at least 1"),
         (("--mask", color), "found no measured pixel of those that the mask leaves"),
         (("--mask", frame.with_name("none.png")), "none.png"),
-        (("--confidence", levels, "--confidence-max", "2"), "--confidence-max: expected at least"),
+        (
+            ("--confidence", levels, "--confidence-max", "2"),
+            "--confidence-max: expected whole numbers from 0 to 2, got 7",
+        ),
         (("--confidence-max", "2"), "--confidence-max: can only be given with confidence"),
         (
             ("--confidence", levels, "--method", "ssa"),

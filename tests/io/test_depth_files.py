@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 from manip3d import FormatError, InputError
 from manip3d.io import read_depth, read_pixel_map
-from manip3d.io._depth_files import read_mask
+from manip3d.io._depth_files import read_levels, read_mask
 
 Image = pytest.importorskip("PIL.Image")
 
@@ -256,10 +256,14 @@ def test_maps_of_pixels_may_be_arrays_of_any_integers(dtype: str, tmp_path: Path
     assert found.dtype == dtype
     np.testing.assert_array_equal(found, MAP.astype(dtype))
     np.testing.assert_array_equal(read_mask(tmp_path / "a.npy"), MAP != 0)
-    if dtype.startswith("i"):
-        np.save(tmp_path / "a.npy", MAP.astype(dtype) - 1)
-        with pytest.raises(FormatError, match="expected levels of at least 0, got -1"):
-            read_pixel_map(tmp_path / "a.npy")
+
+
+@pytest.mark.parametrize("dtype", ["i1", "i2", "i4", "i8", "f2", "f4", "f8"])
+def test_negative_numbers_mean_nothing_in_a_map(dtype: str, tmp_path: Path) -> None:
+    np.save(tmp_path / "a.npy", MAP.astype(dtype) - 1)
+    for read in (read_pixel_map, read_mask, read_levels):
+        with pytest.raises(FormatError, match="expected numbers of at least 0, got -1"):
+            read(tmp_path / "a.npy")
 
 
 @pytest.mark.parametrize(
@@ -293,12 +297,51 @@ def test_maps_of_pixels_have_the_formats_of_depth_and_colour_images(tmp_path: Pa
         read_pixel_map(tmp_path / "a.npz")
 
 
+def test_a_bundle_gives_each_map_by_its_name(tmp_path: Path) -> None:
+    shares = (MAP / 2).astype(np.float32)
+    np.savez(tmp_path / "a.npz", depth=DEPTH, mask=MAP == 1, confidence=shares)
+    np.testing.assert_array_equal(read_mask(tmp_path / "a.npz"), MAP == 1)
+    np.testing.assert_array_equal(read_levels(tmp_path / "a.npz")[0], shares)
+    np.savez(tmp_path / "a.npz", depth=DEPTH, mask=MAP == 1)
+    with pytest.raises(FormatError, match="or one named confidence or conf, got depth, mask"):
+        read_levels(tmp_path / "a.npz")
+
+
+def test_ids_of_a_mask_may_have_32_bits(tmp_path: Path) -> None:
+    (tmp_path / "a.tif").write_bytes(compressed_tiff((MAP * 70_000).astype("i4")))
+    np.testing.assert_array_equal(read_pixel_map(tmp_path / "a.tif"), MAP * 70_000)
+    np.testing.assert_array_equal(read_mask(tmp_path / "a.tif"), MAP != 0)
+
+
+def test_levels_have_the_highest_one_that_their_file_can_hold(tmp_path: Path) -> None:
+    (tmp_path / "a.pgm").write_bytes(b"P5 3 2 2\n" + MAP.astype(np.uint8).tobytes())
+    assert read_levels(tmp_path / "a.pgm")[1] == 2  # its header says so
+    for dtype, highest in (("?", 1), ("u1", 255), ("u2", 65535), ("u4", None), ("i1", None),
+                           ("f4", None)):  # fmt: skip
+        np.save(tmp_path / "a.npy", MAP.astype(dtype))
+        assert read_levels(tmp_path / "a.npy")[1] == highest
+    for dtype, highest in (("u1", 255), ("u2", 65535), ("i4", None)):
+        Image.fromarray(MAP.astype(dtype)).save(tmp_path / "a.tif")
+        assert read_levels(tmp_path / "a.tif")[1] == highest
+    Image.fromarray(DEPTH).save(tmp_path / "a.png")
+    assert read_levels(tmp_path / "a.png")[1] == 65535
+
+
 def test_a_map_in_an_exr_file_is_its_only_channel(tmp_path: Path) -> None:
     OpenEXR = pytest.importorskip("OpenEXR")
     header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
     levels = (MAP / 2).astype(np.float32)
     OpenEXR.File(header, {"Y": levels}).write(str(tmp_path / "a.exr"))
     np.testing.assert_array_equal(read_pixel_map(tmp_path / "a.exr"), levels)
+    bundle = {"Z": levels + 1, "mask.Y": levels, "N.X": levels + 2}
+    grey = {"Z": levels + 1, "R": levels, "G": levels, "B": levels}
+    for channels in (bundle, grey, {"Z": levels + 1, "Y": levels}):
+        OpenEXR.File(header, channels).write(str(tmp_path / "a.exr"))
+        np.testing.assert_array_equal(read_mask(tmp_path / "a.exr"), levels != 0)
+    for channels in (bundle, {"Z": levels, "A": levels}):
+        OpenEXR.File(header, channels).write(str(tmp_path / "a.exr"))
+        with pytest.raises(FormatError, match=r"or one named confidence or conf, got '.*'Z'"):
+            read_levels(tmp_path / "a.exr")
 
 
 def test_a_mask_may_be_a_lossy_webp(tmp_path: Path) -> None:
@@ -313,6 +356,21 @@ def test_a_mask_may_be_a_lossy_webp(tmp_path: Path) -> None:
         found = read_mask(tmp_path / "a.webp")
         assert (found != mask).mean() < 0.01
         assert (read_pixel_map(tmp_path / "a.webp") != 0).mean() > 0.9
+
+
+@pytest.mark.parametrize("mode", ["RGBA", "LA"])
+def test_a_lossy_cut_out_keeps_its_dark_pixels(mode: str, tmp_path: Path) -> None:
+    """Its transparency decides alone, because the compression also darkens what is shown."""
+    mask = np.zeros((64, 96), bool)
+    mask[16:48, 24:72] = True
+    colors = np.random.default_rng(0).integers(0, 256, (64, 96, 3), np.uint8)
+    colors[20:44, 30:50] = 0
+    cut_out = Image.fromarray(np.dstack([colors, np.where(mask, 255, 0).astype(np.uint8)]))
+    cut_out.convert(mode).save(tmp_path / "a.webp")
+    np.testing.assert_array_equal(read_mask(tmp_path / "a.webp"), mask)
+    colors[mask], colors[~mask] = 200, 0
+    Image.fromarray(colors).convert(mode).save(tmp_path / "a.webp")
+    np.testing.assert_array_equal(read_mask(tmp_path / "a.webp"), mask)
 
 
 def big_tiff(depth: np.ndarray) -> bytes:
@@ -368,7 +426,7 @@ def test_negative_whole_numbers_are_not_measured(dtype: str, nothing: int, tmp_p
     found = read_depth(tmp_path / "a.tif")
     assert found.dtype == np.uint16
     np.testing.assert_array_equal(found, np.maximum(depth, 0))
-    with pytest.raises(FormatError, match=f"expected levels of at least 0, got {nothing}"):
+    with pytest.raises(FormatError, match=f"expected numbers of at least 0, got {nothing}"):
         read_pixel_map(tmp_path / "a.tif")
 
 

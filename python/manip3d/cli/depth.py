@@ -623,8 +623,9 @@ def depth(
         str,
         typer.Option(
             help="Image, .npy or .npz of the same size: black (0) or transparent where the depth "
-            "is not to be used, in a JPEG or WebP darker than half. For several depth images, one "
-            "mask for all or a folder with one for each."
+            "is not to be used; in a lossy image (JPEG, most WebP) darker than half, or only "
+            "transparent if parts of it are. For several depth images, one mask for all or a "
+            "folder with one for each."
         ),
     ] = "",
     confidence: Annotated[
@@ -640,7 +641,8 @@ def depth(
         int | None,
         typer.Option(
             help="Highest level of --confidence, which counts as 1: 2 for ARKit, 15 for a "
-            "RealSense L515. Default: the largest number that the image can hold."
+            "RealSense L515. Default: the maximum that a PGM states, else the largest number of 1, "
+            "8 or 16 bits; needed for levels in wider integers or in floats."
         ),
     ] = None,
     poses: Annotated[

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from manip3d.errors import FormatError, InputError
 from manip3d.io._depth_formats import (
     HEADER_BYTES,
     decode_depth,
+    decode_levels,
     decode_map,
     decode_mask,
     too_many_pixels,
@@ -26,6 +27,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from numpy.typing import NDArray
+
+_Read = TypeVar("_Read")
 
 DEPTH_SUFFIXES = (".png", ".pgm", ".tif", ".tiff", ".pfm", ".exr", ".npy", ".npz")
 """Suffixes of the formats that `read_depth` reads."""
@@ -106,8 +109,8 @@ def read_stored_depth(
 
 
 def _read(
-    path: str | os.PathLike[str], max_pixels: int, decode: Callable[[bytes, int], NDArray[Any]]
-) -> NDArray[Any]:
+    path: str | os.PathLike[str], max_pixels: int, decode: Callable[[bytes, int], _Read]
+) -> _Read:
     if not max_pixels > 0:
         raise InputError(f"max_pixels: expected > 0, got {max_pixels}")
     name = os.fspath(path)
@@ -142,8 +145,9 @@ def read_pixel_map(
     path : path-like or URL
         PNG, TIFF, JPEG, BMP, WebP, PGM, ``.pfm``, ``.exr``, ``.npy`` or ``.npz``. The format is
         recognised by the content, not by the suffix. Arrays may be of bool, integers or floats. Of
-        an ``.npz`` the only array is read, or the one that is named ``mask``, ``confidence`` or
-        ``conf``. The channel of an ``.exr`` is that of `read_depth`.
+        an ``.npz`` or ``.exr`` the only array or channel is read, or the one that is named
+        ``mask``, ``confidence`` or ``conf``. The channels of an ``.exr`` may also be grey: ``Y``,
+        or red, green and blue that are equal.
     shape : tuple of int, optional
         Rows and columns of the depth image. A JPEG or WebP is turned upright by its EXIF data,
         unless only the stored image has this aspect ratio.
@@ -153,7 +157,7 @@ def read_pixel_map(
 
     Returns
     -------
-    (H, W) bool, integers of at least 0, float32 or float64
+    (H, W) bool, integers, float32 or float64, of at least 0
         The stored values, float16 as float32. Coloured and paletted images of 8 bits give the
         largest of red, green and blue, and 0 where an alpha channel is 0: only black pixels and
         those outside of a cut-out are 0. The transparency of a palette's colours is ignored. A JPEG
@@ -162,7 +166,7 @@ def read_pixel_map(
     Raises
     ------
     FormatError
-        The file is damaged or not an image, has colours of 16 bits a channel, negative integers or
+        The file is damaged or not an image, has colours of 16 bits a channel, negative numbers or
         more than ``max_pixels`` pixels.
     InputError
         ``max_pixels`` is not positive.
@@ -187,11 +191,20 @@ def read_mask(
 ) -> NDArray[np.bool_]:
     """Read the mask of a depth image: pixels of a map that are not 0.
 
-    In images with a lossy compression (JPEG, WebP) they are the bright ones.
-
-    For ``shape`` see `read_pixel_map`.
+    In images with a lossy compression (JPEG, WebP) they are the bright ones, or those of a cut-out
+    that are not transparent. For ``shape`` see `read_pixel_map`.
     """
     return _read(path, MAX_PIXELS, partial(decode_mask, shape=shape))
+
+
+def read_levels(
+    path: str | os.PathLike[str], *, shape: tuple[int, ...] | None = None
+) -> tuple[NDArray[Any], int | None]:
+    """Read the confidences of a depth image, and the highest level that they can have.
+
+    It is None for integers of more than 16 bits and floats. For ``shape`` see `read_pixel_map`.
+    """
+    return _read(path, MAX_PIXELS, partial(decode_levels, shape=shape))
 
 
 @checked

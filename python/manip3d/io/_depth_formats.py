@@ -8,6 +8,7 @@ import re
 import sys
 import warnings
 import zipfile
+from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -22,12 +23,13 @@ from manip3d.io._orientations import orientation_of, upright
 from manip3d.io._scan_tables import refuse_expansion
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
     from numpy.typing import NDArray
     from PIL import Image
 
-_PNG_OR_TIFF = (b"\x89PNG\r\n\x1a\n", b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
+_PNG = b"\x89PNG\r\n\x1a\n"
+_PNG_OR_TIFF = (_PNG, b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 _JPEG = b"\xff\xd8\xff"
 _BMP = b"BM"
 _EXR = b"\x76\x2f\x31\x01"
@@ -55,14 +57,14 @@ def decode_depth(data: bytes, max_pixels: int, *, may_be_narrow: bool = False) -
     if re.match(rb"P5[\s#]", data):
         return _read_pgm(data, max_pixels, may_be_narrow).astype(np.uint16)
     if data.startswith(_PNG_OR_TIFF):
-        stored = _read_with_pillow(data, max_pixels, ("L",) if may_be_narrow else ())
+        stored = _read_with_pillow(data, max_pixels, ("L",) if may_be_narrow else (), None)
         return _whole_depth(stored) if stored.dtype.kind in "iu" else stored
     if re.match(rb"P[fF]\s", data):
         return _read_pfm(data, max_pixels)
     if data.startswith(_ZIP):
         return _depth_of_npy(_array_of_npz(data, max_pixels, ("depth",)), max_pixels)
     if data.startswith(_EXR):
-        return _read_exr(data, max_pixels)
+        return _read_exr(data, max_pixels, _depth_channel)
     kinds = "a 16-bit PNG, PGM or TIFF, or a .pfm, .exr, .npy or .npz file"
     raise FormatError(f"expected {kinds}, got bytes that begin with {data[:8]!r}", byte_offset=0)
 
@@ -73,12 +75,32 @@ def decode_mask(
     """Return a mask (H, W): True where a map of pixels is neither 0 nor NaN; see `decode_map`.
 
     A lossy compression (JPEG, WebP) leaves small numbers where 0 was, so that a pixel of one has to
-    be at least half as bright as the brightest one, which is a grey in some masks.
+    be at least half as bright as the brightest one, which is a grey in some masks. In a cut-out it
+    darkens the colours that remain, so that there the transparency alone decides.
     """
-    values = np.nan_to_num(decode_map(data, max_pixels, shape=shape))
-    if not _is_lossy(data):
+    is_lossy = _is_lossy(data)
+    grey_of = _cut_out if is_lossy else _brightest_channel
+    values = np.nan_to_num(_map_of(data, max_pixels, shape, ("mask",), grey_of))
+    if not is_lossy:
         return np.asarray(values != 0)
     return np.asarray(values > max(_DARKEST, int(values.max()) // 2))
+
+
+def decode_levels(
+    data: bytes, max_pixels: int, *, shape: tuple[int, ...] | None = None
+) -> tuple[NDArray[Any], int | None]:
+    """Return the confidences (H, W) in a map's file, and the highest level that they can have.
+
+    A PGM states it; else it is the largest number of 1, 8 or 16 bits. Wider integers and floats
+    leave it open: None. For ``shape`` see `decode_map`.
+    """
+    levels = _map_of(data, max_pixels, shape, ("confidence", "conf"), _brightest_channel)
+    if header := _PGM_HEADER.match(data, 0, 8192):
+        return levels, int(header[3])
+    if levels.dtype == np.bool_:
+        return levels, 1
+    is_narrow = levels.dtype in (np.uint8, np.uint16)
+    return levels, int(np.iinfo(levels.dtype).max) if is_narrow else None
 
 
 def decode_map(
@@ -89,33 +111,53 @@ def decode_map(
     A JPEG or WebP is turned upright by its EXIF data, unless only the stored image has the aspect
     ratio of ``shape`` (rows, columns), that of the depth image to which it belongs.
     """
-    if data.startswith(_NPY):
-        return _map_of_npy(data, max_pixels)
+    names = ("mask", "confidence", "conf")
+    return _map_of(data, max_pixels, shape, names, _brightest_channel)
+
+
+def _map_of(
+    data: bytes,
+    max_pixels: int,
+    shape: tuple[int, ...] | None,
+    names: tuple[str, ...],
+    grey_of: Callable[[bytes, Image.Image], NDArray[Any]],
+) -> NDArray[Any]:
+    """Return a map's numbers, of which negative ones are refused: they have no meaning.
+
+    ``names`` are those of its array or channel beside others; ``grey_of`` reduces colours.
+    """
+    numbers = _numbers_of(data, max_pixels, shape, names, grey_of)
+    if (numbers < 0).any():
+        raise FormatError(f"expected numbers of at least 0, got {np.nanmin(numbers)}")
+    return numbers
+
+
+def _numbers_of(
+    data: bytes,
+    max_pixels: int,
+    shape: tuple[int, ...] | None,
+    names: tuple[str, ...],
+    grey_of: Callable[[bytes, Image.Image], NDArray[Any]],
+) -> NDArray[Any]:
     if data.startswith(_ZIP):
-        return _map_of_npy(_array_of_npz(data, max_pixels, _MAP_NAMES), max_pixels)
+        data = _array_of_npz(data, max_pixels, names)
+    if data.startswith(_NPY):
+        return _with_single_floats(_read_npy(data, max_pixels, _MAP_DTYPES))
     if re.match(rb"P5[\s#]", data):
         return _read_pgm(data, max_pixels, may_be_narrow=True)
     if re.match(rb"P[fF]\s", data):
         return _read_pfm(data, max_pixels)
     if data.startswith(_EXR):
-        return _read_exr(data, max_pixels)
+        return _read_exr(data, max_pixels, partial(_map_channel, names=names))
     if data.startswith((*_PNG_OR_TIFF, _JPEG, _BMP)) or _is_webp(data):
-        levels = _read_with_pillow(data, max_pixels, ("1", "L"), ("P", "LA", "RGB", "RGBA"))
-        if data.startswith(_JPEG) or _is_webp(data):
-            return upright(levels, _orientation(data), shape)
-        return _whole_depth(_levels(levels)) if levels.dtype.kind == "i" else levels
+        levels = _read_with_pillow(data, max_pixels, ("1", "L"), grey_of)
+        is_turned = data.startswith(_JPEG) or _is_webp(data)
+        return upright(levels, _orientation(data), shape) if is_turned else levels
     raise FormatError(
         "expected a PNG, TIFF, JPEG, BMP, WebP, PGM, .pfm, .exr, .npy or .npz file, got bytes that "
         f"begin with {data[:8]!r}",
         byte_offset=0,
     )
-
-
-def _levels(numbers: NDArray[Any]) -> NDArray[Any]:
-    """Return the numbers of a map, of which negative ones are refused: they have no meaning."""
-    if numbers.dtype.kind == "i" and numbers.min() < 0:
-        raise FormatError(f"expected levels of at least 0, got {numbers.min()}")
-    return numbers
 
 
 def _is_webp(data: bytes) -> bool:
@@ -136,8 +178,8 @@ def _is_lossy(data: bytes) -> bool:
 def too_many_pixels(max_pixels: int, found: str) -> str:
     """Return the reason to refuse a larger image, and what can be done."""
     return (
-        f"expected at most {max_pixels} pixels, got {found}; the limit bounds the memory: keep "
-        "every second row and column, or read it with a larger max_pixels (io.read_depth)"
+        f"expected at most {max_pixels} pixels, got {found}; the limit bounds the memory: shrink "
+        "the depth image, its intrinsics and maps alike, or read it with a larger max_pixels"
     )
 
 
@@ -220,7 +262,9 @@ _DEPTH_CHANNELS = {"z": "xy", "y": "xz", "v": "u"}
 """Last parts of names such as "ViewLayer.Depth.Z", with the parts beside which they are vectors."""
 
 
-def _read_exr(data: bytes, max_pixels: int) -> NDArray[np.float32]:
+def _read_exr(
+    data: bytes, max_pixels: int, channel_of: Callable[[dict[str, NDArray[Any]]], str]
+) -> NDArray[np.float32]:
     OpenEXR = imported("OpenEXR", "exr")
 
     def opened(*, header_only: bool) -> Any:
@@ -236,7 +280,7 @@ def _read_exr(data: bytes, max_pixels: int) -> NDArray[np.float32]:
                 if len(file.parts) < len(headers):  # OpenEXR leaves out what it cannot decode
                     raise FormatError("damaged .exr: a part cannot be decoded")
                 found = _channels_of_parts(file)
-        name = _depth_channel({name: pixels for name, (_, pixels) in found.items()})
+        name = channel_of({name: pixels for name, (_, pixels) in found.items()})
         part, pixels = found[name]
         window, shown = windows[part]
         stored = np.asarray(pixels, np.float32)
@@ -336,10 +380,23 @@ def _depth_channel(channels: dict[str, NDArray[Any]]) -> str:
         named = [name for name in single if name == "Z"] or single
         if not named:
             named = _grey([name for name in channels if name in ("R", "G", "B")], channels)
-    if len(named) == 1:
-        return named[0]
+    return _only(named, channels, "Z or Depth")
+
+
+def _map_channel(channels: dict[str, NDArray[Any]], names: Sequence[str]) -> str:
+    """Return the name of the only channel, or of one with a known name, or of the grey ones."""
+    if len(channels) == 1:
+        return next(iter(channels))
+    named = [name for name in channels if not set(names).isdisjoint(name.lower().split("."))]
+    found = named or [name for name in channels if name in ("Y", "R", "G", "B")]
+    return _only(found if len(found) == 1 else _grey(found, channels), channels, " or ".join(names))
+
+
+def _only(found: Sequence[str], channels: dict[str, NDArray[Any]], expected: str) -> str:
+    if len(found) == 1:
+        return found[0]
     names = ", ".join(repr(name[:40]) for name in sorted(channels)[:20]) or "none"
-    raise FormatError(f"expected one channel, or one named Z or Depth, got {names}")
+    raise FormatError(f"expected one channel, or one named {expected}, got {names}")
 
 
 def _is_single(parts: Sequence[str], others: Sequence[Sequence[str]]) -> bool:
@@ -366,8 +423,6 @@ _DEPTH_DTYPES = (
     np.float16, np.float32, np.float64,
 )  # fmt: skip
 _MAP_DTYPES = (np.bool_, np.uint8, np.int8, *_DEPTH_DTYPES)
-_MAP_NAMES = ("mask", "confidence", "conf")
-"""Names of the array of an archive that holds a map beside others."""
 
 
 def _array_of_npz(data: bytes, max_pixels: int, known: tuple[str, ...]) -> bytes:
@@ -402,10 +457,6 @@ def _depth_of_npy(data: bytes, max_pixels: int) -> NDArray[Any]:
     if stored.dtype == np.uint16:
         return stored.astype(np.uint16, copy=False)
     return _whole_depth(stored)
-
-
-def _map_of_npy(data: bytes, max_pixels: int) -> NDArray[Any]:
-    return _levels(_with_single_floats(_read_npy(data, max_pixels, _MAP_DTYPES)))
 
 
 def _with_single_floats(stored: NDArray[Any]) -> NDArray[Any]:
@@ -463,19 +514,20 @@ def _advice_on_shape(shape: tuple[int, ...]) -> str:
 # --- Images that Pillow reads -------------------------------------------------------------------
 
 _PICTURES = ("PNG", "TIFF", "JPEG", "BMP", "WEBP")
+_COLOR_MODES = ("P", "LA", "RGB", "RGBA")  # of Pillow
 _BITS_PER_SAMPLE = 258  # number of this tag in TIFF
 
 
 def _read_with_pillow(
     data: bytes,
     max_pixels: int,
-    narrow_modes: tuple[str, ...] = (),
-    color_modes: tuple[str, ...] = (),
+    narrow_modes: tuple[str, ...],
+    grey_of: Callable[[bytes, Image.Image], NDArray[Any]] | None,
 ) -> NDArray[Any]:
     """Read an image with one channel of 16-bit integers or floats, or in a given mode.
 
-    Images of Pillow's modes ``narrow_modes`` are returned unchanged. Those of ``color_modes`` are
-    reduced to the largest of red, green and blue, and to 0 where an alpha channel is 0.
+    Images of Pillow's modes ``narrow_modes`` are returned unchanged. Colours of 8 bits are reduced
+    to one channel by ``grey_of``, or refused if it is None.
     """
     pillow = imported("PIL.Image", "io")
     try:
@@ -485,11 +537,11 @@ def _read_with_pillow(
                 _checked_size(image.height, image.width, max_pixels)
                 if image.mode in narrow_modes:
                     return np.array(image)
-                if image.mode in color_modes:
-                    return _brightest_channel(data, image)
+                if grey_of is not None and image.mode in _COLOR_MODES:
+                    return grey_of(data, image)
                 if not image.mode.startswith("I;16") and image.mode not in ("I", "F"):
                     bits = "8 or 16 bits" if narrow_modes else "16 bits"
-                    kinds = f"{bits} of grey, or colours" if color_modes else f"{bits} of grey"
+                    kinds = f"{bits} of grey, or colours" if grey_of else f"{bits} of grey"
                     raise FormatError(f"expected {kinds}, got mode {image.mode}")
                 _read_native_order(image)
                 stored = np.array(image)
@@ -506,7 +558,9 @@ def _read_with_pillow(
         warnings.warn(
             "a file of several images, of which the first is read", stacklevel=caller_level()
         )
-    return stored.astype(np.uint16) if stored.dtype.kind == "u" else stored
+    # Pillow reads a PNG of 16 bits as int32 in some versions.
+    is_narrow = stored.dtype.kind == "u" or data.startswith(_PNG)
+    return stored.astype(np.uint16) if is_narrow else stored
 
 
 def _orientation(data: bytes) -> int:
@@ -529,7 +583,17 @@ def _read_native_order(image: Any) -> None:
     image.tile = [tile._replace(args=args) if hasattr(tile, "_replace") else (*tile[:3], args)]
 
 
+def _cut_out(data: bytes, image: Image.Image) -> NDArray[Any]:
+    """Return a cut-out as white before transparent black; see `_brightest_channel` for others."""
+    if image.mode in ("RGBA", "LA"):
+        is_shown = np.array(image.getchannel("A")) > 0
+        if not is_shown.all():
+            return np.where(is_shown, np.uint8(255), np.uint8(0))
+    return _brightest_channel(data, image)
+
+
 def _brightest_channel(data: bytes, image: Image.Image) -> NDArray[Any]:
+    """Return the largest of red, green and blue, and 0 where an alpha channel is 0."""
     if (depth := _bits_of_channel(data, image)) > 8:  # Pillow would keep only the upper 8 bits
         raise FormatError(f"expected colours of 8 bits, got {depth}")
     channels = np.array(image.convert("RGBA"))
@@ -553,7 +617,7 @@ def _has_more(image: Image.Image) -> bool:
 
 def _bits_of_channel(data: bytes, image: Image.Image) -> int:
     """Return the number of bits per channel of a PNG or TIFF."""
-    if data.startswith(b"\x89PNG"):
+    if data.startswith(_PNG):
         return data[24]
     bits: tuple[int, ...] = getattr(image, "tag_v2", {}).get(_BITS_PER_SAMPLE, (1,))
     return max(bits)

@@ -183,15 +183,18 @@ def simplify_depth_file(
         Colour image with the pixels of the depth image, or with more or fewer pixels of the same
         view, used as the texture.
     mask : path-like, optional
-        An image of the same size, as `manip3d.io.read_pixel_map` reads it. Pixels where it is 0 or
-        NaN count as not measured, and those of a JPEG or lossy WebP where it is darker than half of
-        its brightest pixel.
+        An image of the same size, as `manip3d.io.read_pixel_map` reads it; of several arrays or
+        channels, that named ``mask``. Pixels where it is 0, NaN or transparent count as not
+        measured. A JPEG or lossy WebP counts as 0 where it is darker than half of its brightest
+        pixel, unless parts of it are transparent.
     confidence : path-like, optional
         An image of the same size with the confidence of each pixel (``relief``): floats from 0 to
-        1, or whole numbers of any type up to ``confidence_max``.
+        1, or whole numbers of any type up to ``confidence_max``; of several arrays or channels,
+        that named ``confidence`` or ``conf``.
     confidence_max : int, optional
-        The level that stands for confidence 1; default: the largest number that the file's pixels
-        can hold, if they are unsigned and have 1, 8 or 16 bits.
+        The level that stands for confidence 1; default: the maximum that a PGM states, else the
+        largest number that the file's pixels can hold, if they are unsigned and have 1, 8 or 16
+        bits.
 
     Returns
     -------

@@ -18,14 +18,14 @@ from manip3d.camera import (
     read_intrinsics,
 )
 from manip3d.errors import InputError
-from manip3d.io import DEPTH_UNITS, DepthReading, read_depth_guessing, read_pixel_map
-from manip3d.io._depth_files import read_mask
+from manip3d.io import DEPTH_UNITS, DepthReading, read_depth_guessing
+from manip3d.io._depth_files import read_levels, read_mask
 from manip3d.io._depth_units import fits_8_bits
 from manip3d.io._images import read_color
 from manip3d.io._orientations import SAME_SHAPE
 from manip3d.simplify._depth_options import DepthOptions, check_confidence
 from manip3d.simplify._depth_words import COMMON_GUESS
-from manip3d.simplify._pixel_maps import confidence_of_levels
+from manip3d.simplify._pixel_maps import shares_of_levels
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -86,6 +86,8 @@ class MapFiles:
         check_confidence(options, confidence is not None)
         if confidence_max is not None and confidence is None:
             raise InputError("confidence_max: can only be given with confidence")
+        if confidence_max is not None and confidence_max < 1:
+            raise InputError(f"confidence_max: expected at least 1, got {confidence_max}")
         return MapFiles(
             None if color is None else path_of(color, "color"),
             None if mask is None else path_of(mask, "mask"),
@@ -96,61 +98,25 @@ class MapFiles:
     def read(self, shape: tuple[int, ...]) -> Maps:
         """Read the files; ``shape`` is that of the depth image."""
         highest = self.confidence_max
-        maps = Maps(
+        return Maps(
             None if self.color is None else read_color(self.color, shape),
             None if self.mask is None else read_mask(self.mask, shape=shape),
             None if self.confidence is None else _confidence(self.confidence, shape, highest),
-        )
-        _expect_size(maps.mask, shape, "mask")
-        _expect_size(maps.confidence, shape, "confidence")
-        return maps
-
-
-def _expect_size(image: NDArray[Any] | None, shape: tuple[int, ...], name: str) -> None:
-    if image is not None and image.shape != shape:
-        raise InputError(
-            f"{name}: expected {shape[1]} x {shape[0]} pixels, as the depth image has, got "
-            f"{image.shape[1]} x {image.shape[0]}"
         )
 
 
 def _confidence(path: Path, shape: tuple[int, ...], highest: int | None) -> NDArray[Any]:
     """Read confidences: floats from 0 to 1, or levels up to ``highest`` of any number type."""
-    found = read_pixel_map(path, shape=shape)
+    found, stated = read_levels(path, shape=shape)
+    if highest is None and found.dtype.kind == "f" and not (found > 1).any():
+        return found
+    highest = stated if highest is None else highest
     if highest is None:
-        if found.dtype.kind == "f":
-            _expect_shares(found)
-            return found
-        highest = _highest_level(found.dtype)
-    if highest < 1:
-        raise InputError(f"confidence_max: expected at least 1, got {highest}")
-    if found.dtype.kind == "f" and not (found == np.floor(found)).all():
         raise InputError(
-            "confidence_max: can only be given with whole numbers, got other floats in the file"
+            f"confidence_max: expected the highest level, as the file has {found.dtype} up to "
+            f"{np.nanmax(found):g}, got none"
         )
-    if found.max() > highest:
-        raise InputError(f"confidence_max: expected at least {found.max():.0f}, got {highest}")
-    return confidence_of_levels(found, highest)
-
-
-def _highest_level(dtype: np.dtype[Any]) -> int:
-    """Return the largest number that the pixels of a camera's levels can hold."""
-    if dtype == np.bool_:
-        return 1
-    if dtype not in (np.uint8, np.uint16):
-        raise InputError(
-            f"confidence_max: expected the highest level of confidence, as the file has {dtype}, "
-            "got none"
-        )
-    return int(np.iinfo(dtype).max)
-
-
-def _expect_shares(found: NDArray[Any]) -> None:
-    if ((found < 0) | (found > 1)).any():
-        raise InputError(
-            "confidence: expected floats from 0 to 1, or levels with confidence_max, got "
-            f"{np.nanmin(found):g} to {np.nanmax(found):g}"
-        )
+    return shares_of_levels(found, highest, "confidence_max")
 
 
 _CAMERAS_BESIDE = (

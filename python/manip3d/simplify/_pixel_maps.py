@@ -50,14 +50,19 @@ def confidence_of_levels(levels: ArrayLike, highest: int) -> NDArray[np.float32]
         raise InputError(f"levels: expected shape (H, W), got {found.shape}")
     if isinstance(highest, bool) or not isinstance(highest, int | np.integer) or highest < 1:
         raise InputError(f"highest: expected a whole number of at least 1, got {highest!r}")
-    is_level = (found >= 0) & (found <= highest)
-    if found.dtype.kind == "f":
-        is_level &= found == np.floor(found)
+    return shares_of_levels(found, highest, "levels")
+
+
+def shares_of_levels(levels: NDArray[Any], highest: int, name: str) -> NDArray[np.float32]:
+    """Return levels, which have to be whole numbers from 0 to the highest, as shares of it."""
+    is_level = (levels >= 0) & (levels <= highest)
+    if levels.dtype.kind == "f":
+        is_level &= levels == np.floor(levels)
     if not is_level.all():
         raise InputError(
-            f"levels: expected whole numbers from 0 to {highest}, got {found[~is_level][0]}"
+            f"{name}: expected whole numbers from 0 to {highest}, got {levels[~is_level][0]}"
         )
-    return (found / np.float64(highest)).astype(np.float32)
+    return (levels / np.float64(highest)).astype(np.float32)
 
 
 def mask_image(
@@ -97,7 +102,7 @@ def confidence_image(
 
 def _expect_shape(found: NDArray[Any], shape: tuple[int, ...], name: str) -> None:
     if found.shape != shape:
-        raise InputError(f"{name}: expected shape {shape}, got {found.shape}")
+        raise InputError(f"{name}: expected shape {shape}, got {found.shape} (rows, columns)")
 
 
 def masked_depth(
