@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, overload
 import numpy as np
 
 from manip3d import _core
-from manip3d._util.arrays import as_array, rows, vector
+from manip3d._util.arrays import CONVERSION_ERRORS, as_array, one_line, rows, vector
 from manip3d._util.callers import caller_level
 from manip3d._util.checked import checked
 from manip3d._util.options import threads_of
@@ -324,11 +324,12 @@ def _last_axis(values: ArrayLike, size: int, name: str) -> NDArray[np.float64]:
 
 def _number(value: float, name: str) -> float:
     try:
-        if np.iscomplexobj(value):  # NumPy's would lose their imaginary part
+        # NumPy's complex numbers would lose their imaginary part.
+        if isinstance(value, np.ndarray | np.generic) and np.iscomplexobj(value):
             raise TypeError
         return float(value)
-    except (TypeError, ValueError, OverflowError) as error:
-        raise InputError(f"{name}: expected a number, got {value!r}") from error
+    except CONVERSION_ERRORS as error:
+        raise InputError(f"{name}: expected a number, got {one_line(value)}") from error
 
 
 @dataclass(frozen=True)

@@ -109,8 +109,36 @@ def test_a_tensor_that_is_no_array_is_refused_with_its_own_advice(
         simplify.relief(kernels.DEPTH, camera, 60, confidence=Tensor())  # type: ignore[arg-type]
     with pytest.raises(InputError, match=r"points: .*, got tensor\(\[\[1\.\], \[2\.\]\]\)$"):
         simplify.relief(kernels.DEPTH, camera, Numbers())  # type: ignore[arg-type]
+    for name in ("registration", "effort"):  # they take no array, so that its advice is none here
+        with pytest.raises(InputError, match=rf"{name}: .*, got tensor\(\[\[1\.\], \[2\.\]\]\)$"):
+            simplify.relief(kernels.DEPTH, camera, 60, **{name: Tensor()})  # type: ignore[arg-type]
     view = simplify.CameraView(Numbers(), camera)  # type: ignore[arg-type]
     assert "depth=tensor([[1.], [2.]])," in repr(view)
+
+
+def test_numbers_of_a_camera_may_need_their_gradient() -> None:
+    """They are numbers for Python, while NumPy makes no arrays of them."""
+
+    class Scalar:
+        def __array__(self, *_: Any, **__: Any) -> NDArray[Any]:
+            raise RuntimeError("Use tensor.detach()")
+
+        def __float__(self) -> float:
+            return 50.0
+
+    class Complex(Scalar):
+        def __float__(self) -> float:
+            raise RuntimeError("value cannot be converted to type double")
+
+        def __repr__(self) -> str:
+            return "tensor(\n50.j)"
+
+    lens = [Scalar()] * 5
+    camera = Intrinsics(64, 48, Scalar(), 50, 32, 24, lens)  # type: ignore[arg-type]
+    assert (camera.fx, camera.distortion) == (50.0, (50.0,) * 5)
+    for number in (Complex(), np.complex128(50), 50j):
+        with pytest.raises(InputError, match=r"intrinsics\.fx: expected a number, got .*50.*j"):
+            Intrinsics(64, 48, number, 50, 32, 24)  # type: ignore[arg-type]
 
 
 class Numbers:

@@ -84,11 +84,17 @@ class _Kind:
     """Types that one annotation accepts, and their description for error messages."""
 
     def __init__(
-        self, text: str, accepts: Callable[[Any], bool], item: _Kind | None = None
+        self,
+        text: str,
+        accepts: Callable[[Any], bool],
+        item: _Kind | None = None,
+        *,
+        is_array: bool = False,
     ) -> None:
         self.text = text
         self.accepts = accepts
         self.item = item  # type of the items of a sequence, else None
+        self.is_array = is_array  # whether NumPy makes an array of the value
 
     def __str__(self) -> str:
         return self.text
@@ -102,7 +108,8 @@ class _Kind:
             for index, each in enumerate(value):
                 if not self.item.accepts(each):
                     return f"[{index}]{self.item.complaint(each)}"
-        return f": expected {self}, got {_shown(value)}"
+        found = _unreadable(value) if self.is_array else ""
+        return f": expected {self}, got {found or _shown(value)}"
 
 
 def _is_number(value: Any) -> bool:
@@ -127,7 +134,7 @@ def _is_array(value: Any) -> bool:
         return False
 
 
-_ARRAY = _Kind("an array of numbers", _is_array)
+_ARRAY = _Kind("an array of numbers", _is_array, is_array=True)
 _NUMPY_ARRAY = _Kind(
     "a NumPy array of numbers", lambda value: isinstance(value, np.ndarray) and _is_array(value)
 )
@@ -183,7 +190,11 @@ def _kind_of(note: ast.expr, names: Mapping[str, Any]) -> _Kind | None:
 def _either(left: _Kind | None, right: _Kind | None) -> _Kind | None:
     if left is None or right is None:
         return None
-    return _Kind(f"{left} or {right}", lambda value: left.accepts(value) or right.accepts(value))
+    return _Kind(
+        f"{left} or {right}",
+        lambda value: left.accepts(value) or right.accepts(value),
+        is_array=left.is_array or right.is_array,
+    )
 
 
 def _resolved(note: ast.expr, names: Mapping[str, Any]) -> Any:
@@ -268,9 +279,15 @@ def _shown(value: Any) -> str:
         return f"an array with {masked}"
     if isinstance(value, np.ndarray) and value.ndim:
         return f"an array of {value.dtype} of shape {value.shape}"
-    if hasattr(value, "__array__") and not isinstance(value, np.ndarray | np.generic | type):
-        try:
-            np.asarray(value)
-        except CONVERSION_ERRORS as error:
-            return unreadable_words(value, error)
     return one_line(value)
+
+
+def _unreadable(value: Any) -> str:
+    """Return words on an array of another library that NumPy cannot read; '' for other values."""
+    if not hasattr(value, "__array__") or isinstance(value, type):
+        return ""
+    try:
+        np.asarray(value)
+    except CONVERSION_ERRORS as error:
+        return unreadable_words(value, error)
+    return ""
