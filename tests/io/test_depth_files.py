@@ -360,7 +360,7 @@ def test_a_mask_may_be_a_lossy_webp(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("mode", ["RGBA", "LA"])
 def test_a_lossy_cut_out_keeps_its_dark_pixels(mode: str, tmp_path: Path) -> None:
-    """Its transparency decides alone, because the compression also darkens what is shown."""
+    """Its transparency decides alone: half of the greatest brightness is no limit for a picture."""
     mask = np.zeros((64, 96), bool)
     mask[16:48, 24:72] = True
     colors = np.random.default_rng(0).integers(0, 256, (64, 96, 3), np.uint8)
@@ -479,6 +479,14 @@ def test_coloured_masks_of_16_bits_are_refused(kind: str, tmp_path: Path) -> Non
         path.write_bytes(png(1, 1, 16, color, b"\0" + channel * channels))
     with pytest.raises(FormatError, match="expected colours of 8 bits, got 16"):
         read_pixel_map(path)
+
+
+@pytest.mark.parametrize("read", [read_depth, read_pixel_map])
+def test_an_image_is_not_shrunk_without_its_camera(read: Any, tmp_path: Path) -> None:
+    np.save(tmp_path / "a.npy", DEPTH)
+    cure = "shrink the depth image, its intrinsics and maps alike, or read it with a larger max_pix"
+    with pytest.raises(FormatError, match=f"at most 5 pixels, got 3 x 2; .*: {cure}"):
+        read(tmp_path / "a.npy", max_pixels=5)
 
 
 def test_large_files_are_not_read_to_their_end(tmp_path: Path) -> None:

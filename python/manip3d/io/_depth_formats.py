@@ -75,12 +75,12 @@ def decode_mask(
     """Return a mask (H, W): True where a map of pixels is neither 0 nor NaN; see `decode_map`.
 
     A lossy compression (JPEG, WebP) leaves small numbers where 0 was, so that a pixel of one has to
-    be at least half as bright as the brightest one, which is a grey in some masks. In a cut-out it
-    darkens the colours that remain, so that there the transparency alone decides.
+    be at least half as bright as the brightest one, which is a grey in some masks. Dark pixels of a
+    cut-out belong to it, so that there the transparency alone decides.
     """
     is_lossy = _is_lossy(data)
     grey_of = _cut_out if is_lossy else _brightest_channel
-    values = np.nan_to_num(_map_of(data, max_pixels, shape, ("mask",), grey_of))
+    values = np.nan_to_num(_levels(_map_of(data, max_pixels, shape, ("mask",), grey_of)))
     if not is_lossy:
         return np.asarray(values != 0)
     return np.asarray(values > max(_DARKEST, int(values.max()) // 2))
@@ -94,7 +94,8 @@ def decode_levels(
     A PGM states it; else it is the largest number of 1, 8 or 16 bits. Wider integers and floats
     leave it open: None. For ``shape`` see `decode_map`.
     """
-    levels = _map_of(data, max_pixels, shape, ("confidence", "conf"), _brightest_channel)
+    names = ("confidence", "conf")
+    levels = _levels(_map_of(data, max_pixels, shape, names, _brightest_channel))
     if header := _PGM_HEADER.match(data, 0, 8192):
         return levels, int(header[3])
     if levels.dtype == np.bool_:
@@ -112,7 +113,7 @@ def decode_map(
     ratio of ``shape`` (rows, columns), that of the depth image to which it belongs.
     """
     names = ("mask", "confidence", "conf")
-    return _map_of(data, max_pixels, shape, names, _brightest_channel)
+    return _levels(_map_of(data, max_pixels, shape, names, _brightest_channel))
 
 
 def _map_of(
@@ -122,23 +123,10 @@ def _map_of(
     names: tuple[str, ...],
     grey_of: Callable[[bytes, Image.Image], NDArray[Any]],
 ) -> NDArray[Any]:
-    """Return a map's numbers, of which negative ones are refused: they have no meaning.
+    """Return the numbers of the array or channel with one of the names, or of the only one.
 
-    ``names`` are those of its array or channel beside others; ``grey_of`` reduces colours.
+    ``grey_of`` reduces colours to one channel.
     """
-    numbers = _numbers_of(data, max_pixels, shape, names, grey_of)
-    if (numbers < 0).any():
-        raise FormatError(f"expected numbers of at least 0, got {np.nanmin(numbers)}")
-    return numbers
-
-
-def _numbers_of(
-    data: bytes,
-    max_pixels: int,
-    shape: tuple[int, ...] | None,
-    names: tuple[str, ...],
-    grey_of: Callable[[bytes, Image.Image], NDArray[Any]],
-) -> NDArray[Any]:
     if data.startswith(_ZIP):
         data = _array_of_npz(data, max_pixels, names)
     if data.startswith(_NPY):
@@ -158,6 +146,13 @@ def _numbers_of(
         f"begin with {data[:8]!r}",
         byte_offset=0,
     )
+
+
+def _levels(numbers: NDArray[Any]) -> NDArray[Any]:
+    """Return the numbers of a map, of which negative ones are refused: they have no meaning."""
+    if (numbers < 0).any():
+        raise FormatError(f"expected numbers of at least 0, got {np.nanmin(numbers)}")
+    return numbers
 
 
 def _is_webp(data: bytes) -> bool:
