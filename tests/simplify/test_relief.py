@@ -336,6 +336,22 @@ def test_a_vertex_that_cannot_leave_its_pinhole_leaves_all_levels() -> None:
         check_surface(result.prefix(count), valid)
 
 
+def test_levels_keep_their_faces_where_nearly_all_points_are_vertices() -> None:
+    """A vertex that could not leave its pinhole took a neighbour's faces from all levels."""
+    for case in (82, 159, 188, 203, 291):
+        random = np.random.default_rng(5000 + case)
+        height, width = random.integers(8, 41, 2)
+        holes, effort = random.uniform(0.1, 0.6), EFFORTS[random.integers(0, len(EFFORTS))]
+        points = bumps(height, width, seed := int(random.integers(0, 2**31)))
+        valid = np.random.default_rng(seed).random((height, width)) >= holes
+        most, smallest = int(valid.sum()), int(valid.sum() // 4)
+        for size in range(most * 4 // 5, most * 4 // 3, max(1, most // 10)):
+            found = simplify.relief_grid(points, valid, size, effort=effort, levels=[smallest])
+            alone = simplify.relief_grid(points, valid, smallest, effort=effort)
+            faces = found.levels[-1][1]
+            assert np.array_equal(found.pixels[faces], alone.pixels[alone.faces]), (case, size)
+
+
 def test_dropped_pixels_are_those_of_the_level_that_is_the_result() -> None:
     """The dropped pixels belong to the result, and not to a larger mesh that was rejected."""
     rows = (
@@ -1236,8 +1252,8 @@ def lone(holes: NDArray[np.bool_]) -> int:
     return int(np.count_nonzero(inner & ~(holes[1:-1, :-2] | holes[1:-1, 2:])))
 
 
-def amid(holes: NDArray[np.bool_], most: int = 4) -> int:
-    """Count pixels of holes with at most ``most`` pixels, away from the border and larger holes."""
+def amid(holes: NDArray[np.bool_]) -> int:
+    """Count pixels of holes with at most four pixels, away from the border and larger holes."""
     label = np.zeros(holes.shape, int)
     parts: list[set[tuple[int, int]]] = []
     for start in zip(*np.nonzero(holes), strict=True):
@@ -1256,7 +1272,7 @@ def amid(holes: NDArray[np.bool_], most: int = 4) -> int:
             label[pixel] = len(parts)
     height, width = holes.shape
     is_open = [
-        len(part) > most or any(v in (0, height - 1) or u in (0, width - 1) for v, u in part)
+        len(part) > 4 or any(v in (0, height - 1) or u in (0, width - 1) for v, u in part)
         for part in parts
     ]
     changed = True
@@ -1316,11 +1332,27 @@ def test_a_surface_survives_many_missing_pixels(missing: str, effort: simplify.E
     of_whole = replace(found, surface=surface, cover=None)
     assert of_whole.coverage > 0.9
     assert of_whole.bridges < 0.02
-    # A fifth of the triangles at least are over missing pixels.
     assert found.bridges > found.filled > 0.1
 
 
-def test_larger_holes_are_filled_only_where_pixels_are_missing_at_random() -> None:
+@pytest.mark.parametrize("max_edge", [1.5, 2.0, 2.5])
+@pytest.mark.parametrize("missing", ["0.3", "0.5", "columns"])
+def test_edges_are_limited_and_not_the_places_of_missing_pixels(
+    missing: str, max_edge: float
+) -> None:
+    """What is filled has the edges of a surface, whose diagonals of 1.41 are within the limit."""
+    points = bumps(120, 160)
+    points[..., 2] *= 0.1
+    valid = np.random.default_rng(0).random((120, 160)) >= 0.5
+    if missing == "columns":
+        valid = np.broadcast_to(np.arange(160) % 5 < 2, (120, 160))
+    elif missing == "0.3":
+        valid = np.random.default_rng(0).random((120, 160)) >= 0.3
+    found = simplify.relief_grid(points, valid, 600, effort="live", max_edge=max_edge)
+    assert found.coverage > 0.95
+
+
+def test_larger_holes_are_filled_only_where_pixels_are_missing_by_chance() -> None:
     points = bumps(120, 160)
     valid = np.ones((120, 160), bool)
     valid[5:115:10, 5:155:15] = False  # 110 pinholes, a two-hundredth of the pixels

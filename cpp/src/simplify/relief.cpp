@@ -54,7 +54,7 @@ constexpr std::int64_t kFewBridges = 64;
 /// pixels per vertex also need vertices inside the squares, which ContourBlocks leave out.
 constexpr std::int64_t kDense = 6;
 
-/// Price of false surface, relative to missing surface, where pixels are missing at random. Of 0.3,
+/// Price of false surface, relative to missing surface, where pixels are missing by chance. Of 0.3,
 /// 1, 2, 3 and 10, tried on a generated surface of which four random draws kept 30 % of the pixels,
 /// 2 and 3 cover most.
 constexpr float kChanceFalse = 3.0F;
@@ -476,7 +476,7 @@ void Relief::Memory::select(const ReliefOptions& options, std::int64_t target,
   if (mesh.num_vertices() <= target) return;
   check_cancelled();
   const float missing = price_of_missing(options, budget, target);
-  // Pixels that are missing at random are no end of the surface, so little of the surface that
+  // Pixels that are missing by chance are no end of the surface, so little of the surface that
   // would cover them is false.
   const bool is_by_chance = budget.by_blocks && pinholes.are_by_chance();
   // Holes and steps in noise that is not believed should not be followed.

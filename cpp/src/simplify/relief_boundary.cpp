@@ -14,7 +14,7 @@ namespace manip3d::relief_detail {
 namespace {
 
 // Price of false surface, relative to missing surface: that of collapses, except that collapses
-// lower it to kChanceFalse where pixels are missing at random, and the boundary does not.
+// lower it to kChanceFalse where pixels are missing by chance, and the boundary does not.
 constexpr int kFalsePixels = static_cast<int>(kFalseFactor);
 constexpr int kTileShift = 4;  // tiles of 16 pixels
 

@@ -230,9 +230,11 @@ PinholeFiller::Around PinholeFiller::look_around(std::int32_t pixel) const {
 /// Whether the measured pixels around a pixel are on one surface.
 bool PinholeFiller::is_amid_surface(std::int32_t pixel, const StepRule& steps,
                                     double max_edge) const {
-  const Around around = look_around(pixel);
-  const double extent = (around.high - around.low).matrix().cast<double>().norm();
-  if (!(extent <= around.reach * max_edge)) return false;
+  const Around around = look_around(pixel);  // at least one point, because the pixel is in no gap
+  const Eigen::Vector3d extent = (around.high - around.low).matrix().cast<double>();
+  // The points lie in a square whose diagonal is 2 `reach` diagonals of a pixel's cell.
+  const double limit = around.reach * max_edge;
+  if (!(extent.norm() <= 2.0 * limit && extent.z() <= limit)) return false;
   return !steps.has_steps() || !steps.is_step(around.low.z(), around.high.z());
 }
 

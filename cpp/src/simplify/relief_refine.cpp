@@ -385,8 +385,11 @@ void Refiner::leave_pixels(const Surface& surface, Triangulation& mesh, std::spa
       } else if (!merge(surface, mesh, v, fan)) {
         const std::int32_t nearest =
             vertex.on_boundary ? nearest_in(surface, mesh, fan, vertex.pixel, is_left) : -1;
-        if (nearest >= 0) mesh.move(v, surface, nearest);
-        is_done = is_done && nearest >= 0;
+        if (nearest >= 0) {
+          mesh.move(v, surface, nearest);
+        } else {
+          is_done = merge_with_fewer_edges(surface, mesh, v, fan) && is_done;
+        }
       }
     }
   }
@@ -398,6 +401,27 @@ bool Refiner::merge(const Surface& surface, Triangulation& mesh, std::int32_t v,
     if (!mesh.can_collapse(surface, v, fan, i)) continue;
     mesh.collapse(v, fan, i);
     return true;
+  }
+  return false;
+}
+
+bool Refiner::merge_with_fewer_edges(const Surface& surface, Triangulation& mesh, std::int32_t v,
+                                     Triangulation::Fan& fan) {
+  while (flip_away(mesh, v, fan)) {
+    if (mesh.fan(v, fan) && merge(surface, mesh, v, fan)) return true;
+  }
+  return false;
+}
+
+bool Refiner::flip_away(Triangulation& mesh, std::int32_t v, const Triangulation::Fan& fan) {
+  std::array<std::int32_t, 4> quad{};
+  for (int k = 0; k < fan.size; ++k) {
+    const std::int32_t t = fan.faces[k];
+    for (int i = 0; i < 3; ++i) {
+      if (mesh.triangle(t)[i] == v || !mesh.quad(t, i, quad)) continue;
+      mesh.flip(t, i);
+      return true;
+    }
   }
   return false;
 }

@@ -52,7 +52,7 @@ class Refiner {
   /// Removes the vertices from some pixels. An interior vertex moves to the linked pixel, among the
   /// 24 around it, with the least error. If there is none, or the vertex is on the boundary, it
   /// merges into a neighbour if that is legal; if not, a boundary vertex moves to the nearest used
-  /// pixel within its triangles.
+  /// pixel within its triangles, or edges are flipped away from the vertex until it can merge.
   void leave_pixels(const Surface& surface, Triangulation& mesh, std::span<const Keep> keep,
                     const std::function<bool(std::int32_t)>& is_left);
   /// The nearest used pixel within a fan's triangles to which its centre may move; -1 if there is
@@ -84,6 +84,12 @@ class Refiner {
   /// Merges a vertex into the first neighbour that is legal; returns false if there is none.
   static bool merge(const Surface& surface, Triangulation& mesh, std::int32_t v,
                     const Triangulation::Fan& fan);
+  /// Flips edges away from a vertex that cannot merge until it can; returns false if it never can.
+  static bool merge_with_fewer_edges(const Surface& surface, Triangulation& mesh, std::int32_t v,
+                                     Triangulation::Fan& fan);
+  /// Replaces an edge from a vertex to a neighbour by the other diagonal of the two triangles;
+  /// returns false if none may be.
+  static bool flip_away(Triangulation& mesh, std::int32_t v, const Triangulation::Fan& fan);
   static std::int32_t best_beside(const Surface& surface, const Triangulation& mesh,
                                   const Triangulation::Fan& fan, std::int32_t pixel,
                                   const std::function<bool(std::int32_t)>& is_left);
