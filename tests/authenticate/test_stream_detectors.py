@@ -784,7 +784,8 @@ def test_a_few_still_regions_are_only_told() -> None:
         frame.depth[part] = frames[0].depth[part]
     found = authenticate.inspect_stream(frames)
     assert found.verdict == "no_trace"
-    assert "depth changes in all but 9 of " in repetition_of(found).reason
+    assert repetition_of(found).reason.startswith("1% of the measured pixels never change")
+    assert repetition_of(found).score == pytest.approx(24 * 24 / (240 * 320), rel=0.1)
 
 
 def test_coarse_depths_that_repeat_are_no_frozen_part() -> None:
@@ -806,7 +807,36 @@ def test_rough_surfaces_that_hardly_ever_change_are_no_frozen_part() -> None:
     for number, frame in enumerate(frames[1:], 1):
         changes = np.random.default_rng([9, number]).random(frame.depth.shape) < 0.0018
         frame.depth[:] = np.where(changes, frame.depth, frames[number - 1].depth)
-    assert repetition_of(authenticate.inspect_stream(frames)).verdict == "no_trace"
+    repetition = repetition_of(authenticate.inspect_stream(frames))
+    assert repetition.verdict == "no_trace"
+    assert repetition.reason.startswith("98% of the measured pixels never change")
+
+
+@pytest.mark.parametrize("step", [1, 5])
+def test_near_surfaces_whose_noise_is_below_a_step_are_no_frozen_part(step: int) -> None:
+    """The noise of a slanted wall grows with the square of its depth."""
+    wall = np.broadcast_to(np.linspace(300.0, 2000.0, 320), (240, 320))
+    frames = stream()
+    for number, frame in enumerate(frames):
+        noise = np.random.default_rng([8, number]).standard_normal(wall.shape)
+        measured = wall + 0.4 * step * (wall / 1000.0) ** 2 * noise
+        frame.depth[:] = step * np.rint(measured / step)
+    still = np.all([frame.depth == frames[0].depth for frame in frames], axis=0)
+    assert still.mean() > 0.15
+    repetition = repetition_of(authenticate.inspect_stream(frames))
+    assert repetition.verdict == "no_trace"
+    assert repetition.score == pytest.approx(still.mean())
+
+
+def test_a_constant_background_hides_no_frozen_person() -> None:
+    """Its pixels never change, and say nothing about the chance that others do not."""
+    frames = stream()
+    person = np.s_[100:160, 140:180]
+    for frame in frames:
+        frame.depth[:, :132] = 4000
+        frame.depth[:, 188:300] = 4000
+        frame.depth[person] = frames[0].depth[person]
+    assert repetition_of(authenticate.inspect_stream(frames)).verdict == "processed"
 
 
 def test_a_rendered_scene_before_a_fixed_camera_is_undecidable() -> None:

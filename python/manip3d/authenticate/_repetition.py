@@ -29,6 +29,7 @@ _MIN_SMALL_VALID = 48  # of 64 pixels, measured in all frames
 _MIN_SMALL_REGIONS = 16  # as many pixels as one of the large regions has
 _ROUGH = 0.5  # share of neighbouring pixels with different depths; less is a surface of few depths
 _MAX_CHANCE = 0.01  # expected number of small regions that never change by chance
+_MIN_NOISE = 0.5  # steps of the depth image; depths with less noise repeat by nature
 
 
 def judge_repetition(frames: Sequence[RgbdFrame]) -> tuple[StreamReport, Mask]:
@@ -59,33 +60,56 @@ def judge_repetition(frames: Sequence[RgbdFrame]) -> tuple[StreamReport, Mask]:
     looked_at &= ~_has_one_depth(depth)
     frozen = looked_at & (_by_region(changed) == 0)
     is_background = frozen.sum() >= _MIN_REGIONS and frozen.sum() >= 0.05 * looked_at.sum()
-    small, num_small = _small_frozen(depth, changed, always)
+    small = _count_small_frozen(depth, changed, always & _is_noisy(pairs, depth))
+    share = float((always & ~changed).sum() / always.sum())
     if not is_background and small < _MIN_SMALL_REGIONS:
-        return _repeated_frames(frames, small, num_small), nothing
+        return _repeated_frames(frames, share), nothing
     # No evidence of an edit by itself: codecs and temporal filters repeat depths that hardly
     # change.
-    share = float((always & ~changed).sum() / always.sum())
     reason = f"{share:.0%} of the measured image never changes in {len(pairs)} pairs of frames"
     masks = _unfrozen(frames) if is_background else nothing
     return StreamReport("repetition", "processed", reason, share), masks
 
 
-def _small_frozen(depth: NDArray[np.uint16], changed: Mask, always: Mask) -> tuple[int, int]:
-    """Count the small regions that never change, and those that are judged.
+def _count_small_frozen(depth: NDArray[np.uint16], changed: Mask, judged: Mask) -> int:
+    """Count the small regions that never change.
 
     A frozen person before a background that changes fills few large regions. Coarse depths of far
     surfaces repeat by nature: surfaces of few depths are not judged. None are counted either if so
-    many pixels outside of these regions never change that whole regions would by chance.
+    many pixels of the other regions never change that whole regions would by chance.
     """
-    measured = _by_region(always, _SMALL_REGION)
-    looked_at = (measured >= _MIN_SMALL_VALID) & _is_rough(depth, always)
+    num_judged = _by_region(judged, _SMALL_REGION)
+    looked_at = (num_judged >= _MIN_SMALL_VALID) & _is_rough(depth, judged)
+    still = _by_region(judged & ~changed, _SMALL_REGION)
     frozen = looked_at & (_by_region(changed, _SMALL_REGION) == 0)
-    still = _by_region(always & ~changed, _SMALL_REGION)
-    outside = int(measured[~frozen].sum())
-    chance = float(still[~frozen].sum() / outside) if outside else 1.0
+    others = looked_at & ~frozen
+    chance = float(still[others].sum() / num_judged[others].sum()) if others.any() else 1.0
     if looked_at.sum() * chance**_MIN_SMALL_VALID > _MAX_CHANCE:
-        return 0, int(looked_at.sum())
-    return int(frozen.sum()), int(looked_at.sum())
+        return 0
+    return int(frozen.sum())
+
+
+def _is_noisy(pairs: Sequence[tuple[RgbdFrame, RgbdFrame]], depth: NDArray[np.uint16]) -> Mask:
+    """Whether the noise of each pixel is large enough to change its depth by a step.
+
+    Noise grows with the square of the depth, so that near surfaces repeat by nature. Its size is
+    that of the usual change of the pixels that change.
+    """
+    levels = np.unique(depth[depth > 0]).astype(np.float64)
+    changes = [change for pair in pairs if (change := _usual_change(*pair)) > 0.0]
+    if len(levels) < 2 or not changes:
+        return np.zeros(depth.shape, np.bool_)
+    noise = np.median(changes) * depth.astype(np.float64) ** 2
+    return np.asarray(noise >= _MIN_NOISE * np.diff(levels).min())
+
+
+def _usual_change(a: RgbdFrame, b: RgbdFrame) -> float:
+    """Median change of the measured pixels that change, by the square of depth; 0: none change."""
+    changes = (a.depth > 0) & (b.depth > 0) & (a.depth != b.depth)
+    if not changes.any():
+        return 0.0
+    before, after = (frame.depth[changes].astype(np.float64) for frame in (a, b))
+    return float(np.median(np.abs(after - before) / before**2))
 
 
 def _is_rough(depth: NDArray[np.uint16], measured: Mask) -> Mask:
@@ -98,15 +122,14 @@ def _is_rough(depth: NDArray[np.uint16], measured: Mask) -> Mask:
     return np.asarray(_by_region(differ, _SMALL_REGION) >= _ROUGH * num_pairs)
 
 
-def _repeated_frames(frames: Sequence[RgbdFrame], still: int, num_regions: int) -> StreamReport:
-    """Report on frames that are the same as others to the bit, while depth changes everywhere.
+def _repeated_frames(frames: Sequence[RgbdFrame], share: float) -> StreamReport:
+    """Report on frames that are the same as others to the bit, while no part of the image is frozen.
 
-    ``still`` of ``num_regions`` small regions never change, which are too few to matter.
+    ``share`` of the measured pixels never change.
 
     A rate that was raised shows each frame equally often. Longer runs, and frames that come again
     after others, are a frozen or looped recording.
     """
-    share = still / max(1, num_regions)
     whole = [frame for frame in frames if np.mean(frame.depth > 0) >= _MIN_MEASURED]
     first_of: dict[bytes, int] = {}
     firsts = [first_of.setdefault(_hash_of(frame), place) for place, frame in enumerate(whole)]
@@ -130,8 +153,8 @@ def _repeated_frames(frames: Sequence[RgbdFrame], still: int, num_regions: int) 
         return StreamReport("repetition", "processed", reason, share)
     num_same = len(firsts) - len(begins)
     reason = "depth changes everywhere"
-    if still:
-        reason = f"depth changes in all but {still} of {num_regions} regions"
+    if share >= 0.005:  # 1 %, rounded
+        reason = f"{share:.0%} of the measured pixels never change, but no part is frozen"
     if num_same:
         reason += f", but {num_same} of {len(firsts)} frames are the same as the frame before"
     return StreamReport("repetition", "no_trace", reason, share)

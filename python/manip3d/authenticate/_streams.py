@@ -153,8 +153,9 @@ def inspect_stream(frames: Iterable[RgbdFrame], *, progress: Progress = None) ->
     change, are a still background; regions with a single depth do not count. Sixteen or more
     regions of 8 pixels that never change are a smaller still part, such as a frozen person, and
     make a stream ``processed``; those whose neighbouring pixels mostly have equal depths do not
-    count, as on far surfaces of coarse depths, nor do any if the share of other pixels that never
-    change lets 0.01 regions be expected by chance. ``silhouettes``:
+    count, as on far surfaces of coarse depths, nor do near surfaces whose noise, which grows with
+    the square of the depth, is below half a step of the depth image, nor any regions if the share
+    of pixels of the others that never change lets 0.01 be expected by chance. ``silhouettes``:
     beside a person before a background, structured light leaves a shadow without measurements on
     one side, and time of flight mixes the light of both surfaces. A person whose silhouette is
     sharp on both sides, from one pixel to the next, was cut out. The five successive judged frames
