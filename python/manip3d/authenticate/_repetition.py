@@ -123,7 +123,7 @@ def _is_rough(depth: NDArray[np.uint16], measured: Mask) -> Mask:
 
 
 def _repeated_frames(frames: Sequence[RgbdFrame], share: float) -> StreamReport:
-    """Report on frames that are the same as others to the bit, while no part of the image is frozen.
+    """Report on frames that are the same as others to the bit, while no part of them is frozen.
 
     ``share`` of the measured pixels never change.
 
