@@ -29,6 +29,7 @@ import sqlalchemy as sql
 
 from manip3d.diary import Diary, DiaryGame, DiarySession, Protocol, adherence, export_csv, make_key
 from manip3d.diary import _schema as schema
+from manip3d.diary._file import DiaryFile, is_filled
 
 ZONE = timezone(timedelta(hours=-6))
 START = datetime(2026, 3, 2, 9, 0, tzinfo=ZONE)
@@ -973,6 +974,80 @@ def test_a_diary_that_changes_while_it_can_only_be_read_is_told(
         diary._file.begin(),
     ):
         os.utime(read_only, ns=(0, 0))
+
+
+def test_a_diary_that_changes_while_it_is_read_is_no_damage(
+    read_only: Path, key: Path | None
+) -> None:
+    """Pages from before and after the change do not fit together."""
+    diary, whole = Diary(read_only, key=key), read_only.read_bytes()
+
+    def read_while_another_program_writes() -> None:
+        with diary._file.begin() as rows:
+            read_only.write_bytes(whole[:4096] + b"\xff" * (len(whole) - 4096))
+            rows.find("P01")
+
+    with pytest.raises(OSError, match="another program wrote to the diary meanwhile"):
+        read_while_another_program_writes()
+    with pytest.raises(FormatError, match="the diary is damaged"):  # nobody writes now
+        diary.participants()
+
+
+def test_a_diary_that_changes_while_it_is_opened_is_no_damage(
+    read_only: Path, key: Path | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def found_damaged(*_: Any) -> None:
+        os.utime(read_only, ns=(0, 0))
+        raise FormatError("the diary is damaged: row 3 missing from index", file=str(read_only))
+
+    monkeypatch.setattr(DiaryFile, "_check_pages", found_damaged)
+    with pytest.raises(OSError, match="another program wrote to the diary meanwhile"):
+        Diary(read_only, key=key)
+
+
+def test_a_change_is_noticed_although_the_log_was_there_at_the_beginning(
+    read_only: Path, key: Path | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Another program closes the diary, and thereby removes the log, before the file is opened."""
+    diary, log = Diary(read_only, key=key), Path(f"{read_only}-wal")
+    log.write_bytes(bytes(32))
+    begin = DiaryFile._connect
+
+    def without_log(file: DiaryFile) -> sqlite3.Connection:
+        log.unlink()
+        return begin(file)
+
+    monkeypatch.setattr(DiaryFile, "_connect", without_log)
+    with (
+        pytest.raises(OSError, match="another program wrote to the diary meanwhile"),
+        diary._file.begin(),
+    ):
+        os.utime(read_only, ns=(0, 0))
+
+
+def test_a_log_that_goes_away_is_not_filled(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("manip3d.diary._file.os.path.exists", lambda _: True)
+    assert not is_filled(tmp_path / "study.diary-wal")
+
+
+def test_a_diary_can_be_written_again_after_it_was_read_only(
+    diary: Diary, key: Path | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """SQLite gives the files that it makes beside a diary the mode of the diary."""
+    fill(diary)
+    diary.close()
+    diary.path.chmod(0o444)
+    access = os.access
+    with monkeypatch.context() as patch:
+        patch.setattr(
+            "manip3d.diary._file.os.access",
+            lambda path, mode: access(path, mode) and (mode != os.W_OK or Path(path).is_dir()),
+        )
+        with Diary(diary.path, key=key) as again:
+            assert again.sessions("P01")
+    assert list(diary.path.parent.glob(f"*{diary.path.name}?*")) == []
 
 
 def test_an_older_diary_that_cannot_be_written_is_not_read(

@@ -383,6 +383,14 @@ def test_a_diary_that_is_written_meanwhile_is_no_damage(
         rescue_diary(kept, new)
     assert not new.exists()
 
+    def find_damage_meanwhile(*_: Any) -> int:
+        os.utime(kept, ns=(0, 0))
+        raise sqlite3.DatabaseError("database disk image is malformed")
+
+    monkeypatch.setattr(_rescue, "_version", find_damage_meanwhile)
+    with pytest.raises(OSError, match=r"another program wrote to the diary meanwhile: .*kept"):
+        rescue_diary(kept, new)
+
 
 def test_a_diary_that_is_written_is_no_damage(kept: Path, tmp_path: Path) -> None:
     new = tmp_path / "new.diary"

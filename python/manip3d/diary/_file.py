@@ -50,6 +50,11 @@ class DiaryFile:
         self._told_as = self._place if told_as is None else told_as
         if create and told_as is None and not os.path.lexists(path):
             _make(path, key)
+        with self._unchanged():
+            self._open(create)
+
+    def _open(self, create: bool) -> None:
+        """Check the file, migrate it to the current version and read what each access needs."""
         self._check_file(create)
         self.engine = sql.create_engine(
             "sqlite://",
@@ -68,7 +73,7 @@ class DiaryFile:
                 self._refuse_to_migrate_what_is_read_only()
                 self._migrate(connection, now)
             self.study = self._read_study(connection)
-            self.chain_key = unseal(key, self._meta(connection, "audit key"), _CHAIN)
+            self.chain_key = unseal(self.key, self._meta(connection, "audit key"), _CHAIN)
 
     def close(self) -> None:
         self._is_closed = True
@@ -82,12 +87,8 @@ class DiaryFile:
     def begin(self) -> Iterator[Rows]:
         """Run a transaction: all of it is written at its end, or nothing if it raises."""
         self._refuse_if_closed()
-        is_fixed = _mode_of(self._place) == _FIXED
-        before = stamp(self._place) if is_fixed else None
-        with self.engine.begin() as connection:
+        with self._unchanged(), self.engine.begin() as connection:
             yield self._rows(connection)
-        if is_fixed and stamp(self._place) != before:
-            raise OSError(f"{self._told_as}: another program wrote to the diary meanwhile")
 
     @contextlib.contextmanager
     def begin_without_remains(self) -> Iterator[Rows]:
@@ -117,6 +118,12 @@ class DiaryFile:
                 raise OSError(
                     f"{self._told_as}: deleted, but the file could not be written anew: {error}"
                 ) from error
+
+    def _unchanged(self) -> contextlib.AbstractContextManager[None]:
+        """Return a context that raises OSError if a file changes that is read without a lock."""
+        if _is_read_only(self._place):
+            return unchanged(self._place, self._told_as)
+        return contextlib.nullcontext()
 
     def _connect(self) -> sqlite3.Connection:
         return connect(self._place, _mode_of(self._place), timeout=_BUSY_S)
@@ -323,24 +330,51 @@ def _logs(path: Path) -> list[str]:
 
 def is_filled(path: str | Path) -> bool:
     """Whether a file exists and is not empty, as a log is after a full disk had no room for it."""
-    return os.path.exists(path) and os.path.getsize(path) > 0
+    try:
+        return os.path.getsize(path) > 0
+    except FileNotFoundError:  # a program that closes the diary removes its log
+        return False
 
 
 def _mode_of(path: Path) -> str:
     """Return the mode in which SQLite can open a file.
 
-    To read a file with a write-ahead log, SQLite makes files beside it. In a folder that cannot be
-    written it reads the file as if nothing could change it, which is only right without a log.
+    To read a file with a write-ahead log, SQLite makes files beside it. A file that cannot be
+    written it reads as if nothing could change it, which is only right without a log. The files
+    would have the mode of the diary, and be left behind where the folder can be written, so that
+    the diary could not be written either once it may be.
     """
     if not _is_read_only(path):
         return "rw"
-    return "ro" if _has_writable_folder(path) or _logs(path) else _FIXED
+    return "ro" if _logs(path) else _FIXED
 
 
-def stamp(path: Path) -> tuple[int, int, int]:
+@contextlib.contextmanager
+def unchanged(path: Path, told_as: Path) -> Iterator[None]:
+    """Raise OSError if another program changes a file that is read without a lock.
+
+    Pages from before and after a change do not fit together, and make a healthy diary look damaged:
+    the error is raised instead of any other.
+    """
+    before = _stamp(path)
+    try:
+        yield
+    except Exception as error:
+        if path.exists() and _stamp(path) != before:
+            raise _written_meanwhile(told_as) from error
+        raise
+    if _stamp(path) != before:
+        raise _written_meanwhile(told_as)
+
+
+def _stamp(path: Path) -> tuple[int, int, int]:
     """Return what changes when a file is replaced or written."""
     about = path.stat()
     return about.st_ino, about.st_size, about.st_mtime_ns
+
+
+def _written_meanwhile(path: Path) -> OSError:
+    return OSError(errno.EBUSY, "another program wrote to the diary meanwhile", str(path))
 
 
 def _make_empty(path: Path) -> bool:

@@ -22,7 +22,7 @@ from manip3d.diary._file import (
     empty_file_error,
     expect_regular_file,
     is_filled,
-    stamp,
+    unchanged,
     words_of,
 )
 from manip3d.diary._rows import check_payload, read_participant
@@ -206,12 +206,10 @@ def _to_read(path: Path) -> Iterator[sqlite3.Connection]:
     has_log = is_filled(f"{path}-wal")
     is_closed = is_logged and not has_log
     mode = "ro&immutable=1" if is_closed else "ro" if has_log else "rw"
-    before = stamp(path)
-    with _connected(path, mode) as connection:
+    is_fixed = unchanged(path, path) if is_closed else contextlib.nullcontext()
+    with is_fixed, _connected(path, mode) as connection:
         connection.execute("PRAGMA query_only = 1")
         yield connection
-    if is_closed and stamp(path) != before:
-        raise OSError(errno.EBUSY, "another program wrote to the diary meanwhile", str(path))
 
 
 def _connected(path: Path, mode: str) -> contextlib.closing[sqlite3.Connection]:
