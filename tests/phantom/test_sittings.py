@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import errno
 import functools
+import os
 import subprocess
 import sys
 import time
@@ -450,6 +452,79 @@ def test_a_killed_session_lets_the_next_one_begin(tmp_path: Path) -> None:
     assert len(list(tmp_path.glob(".*.lock"))) == 1
     DiaryRecorder(path, "P01", None).end()
     assert list(tmp_path.glob(".*.lock")) == []
+
+
+def test_a_session_is_noticed_after_a_change_of_the_working_directory(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The diary was opened by a relative path."""
+    (tmp_path / "elsewhere").mkdir()
+    monkeypatch.chdir(tmp_path)
+    with Diary("study.diary", create=True) as diary:
+        diary.enrol("P01")
+        recorder = DiaryRecorder("study.diary", "P01", None)
+        monkeypatch.chdir("elsewhere")
+        with pytest.raises(InputError, match=r"session open in .*, or is being deleted there"):
+            diary.delete("P01")
+        recorder.end()
+    assert list(tmp_path.rglob(".*.lock")) == []
+
+
+def test_the_lock_of_a_killed_session_has_the_mode_of_the_diary(sitting: Sitting) -> None:
+    """Another user who may write the diary then can begin a session."""
+    sitting.end().close()
+    sitting.path.chmod(0o660)
+    umask = os.umask(0o077)
+    try:
+        sitting.open()
+    finally:
+        os.umask(umask)
+    (lock,) = sitting.path.parent.glob(".*.lock")
+    assert lock.stat().st_mode & 0o777 == 0o660
+
+
+def test_a_lock_of_another_user_is_named_with_its_remedy(
+    sitting: Sitting, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sitting.end().close()
+
+    def refused(path: Path, **_: Any) -> int:
+        raise PermissionError(errno.EACCES, "Permission denied", str(path))
+
+    monkeypatch.setattr("manip3d.diary._session_lock.locked_file", refused)
+    with pytest.raises(PermissionError, match=r"delete it if that session is over: .*\.lock'"):
+        DiaryRecorder(sitting.path, "P01", None)
+
+
+def test_a_file_system_without_locks_has_no_sessions_but_deletions(
+    sitting: Sitting, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sitting.end().close()
+
+    def without_locks(*_: int) -> None:
+        raise OSError(errno.ENOLCK, "No locks available")
+
+    monkeypatch.setattr("manip3d._util.locks.fcntl.flock", without_locks)
+    with pytest.raises(OSError, match=r"No locks available: .*\.lock'"):
+        DiaryRecorder(sitting.path, "P01", None)
+    with Diary(sitting.path) as diary:
+        diary.delete("P01")
+        assert diary.participants() == []
+    assert list(sitting.path.parent.glob(".*.lock")) == []
+
+
+def test_a_session_with_a_diary_that_can_only_be_read_is_refused(
+    sitting: Sitting, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sitting.end().close()
+    access = os.access
+    monkeypatch.setattr(
+        "manip3d.diary._file.os.access",
+        lambda path, mode: mode != os.W_OK and access(path, mode),
+    )
+    with pytest.raises(OSError, match="the diary can only be read, because"):
+        DiaryRecorder(sitting.path, "P01", None)
+    assert list(sitting.path.parent.glob(".*.lock")) == []
 
 
 def test_a_rating_that_stops_is_kept_once_and_with_its_reason(

@@ -12,8 +12,15 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 
-def locked_file(path: Path) -> int | None:
+def locked_file(path: Path, *, needs_locks: bool = True) -> int | None:
     """Lock a file; a missing one is created, with access for its owner only.
+
+    Parameters
+    ----------
+    path : Path
+    needs_locks : bool
+        Raise OSError on file systems without locks, such as some network file systems, and leave no
+        file there. Otherwise the file is returned without a lock.
 
     Returns
     -------
@@ -29,14 +36,17 @@ def locked_file(path: Path) -> int | None:
     flags = os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NONBLOCK | os.O_NOFOLLOW
     lock = os.open(path, flags, 0o600)
     try:
-        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
+        if _is_free(lock):
+            return lock
+    except OSError as error:
+        if not needs_locks:
+            return lock
         os.close(lock)
-        return None
-    except BaseException:
-        os.close(lock)
-        raise
-    return lock
+        with suppress(OSError):
+            path.unlink()
+        raise OSError(error.errno, error.strerror, os.fspath(path)) from error
+    os.close(lock)
+    return None
 
 
 @contextmanager
@@ -58,15 +68,20 @@ def new_folder_locked(path: Path) -> Iterator[bool]:
     lock = os.open(path, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
     is_ours = True
     try:
-        try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            is_ours = False
-        except OSError:  # this file system has no locks
-            pass
+        with suppress(OSError):  # this file system has no locks
+            is_ours = _is_free(lock)
         yield is_ours
     finally:
         if is_ours:
             with suppress(OSError):
                 path.rmdir()  # fails if the folder is not empty
         os.close(lock)
+
+
+def _is_free(descriptor: int) -> bool:
+    """Lock an open file if nobody else has."""
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    return True

@@ -685,8 +685,8 @@ class Diary(DiaryReading):
         """
         with self._file.begin() as rows:
             participant = rows.find(identifier)
-        self._file.refuse_if_read_only()
-        lock = SessionLock(self.path, participant.fields["identifier"], participant.number)
+        name = participant.fields["identifier"]
+        lock = SessionLock(self, name, participant.number, for_deletion=True)
         try:
             with self._file.begin_without_remains() as rows:
                 rows.delete(participant)

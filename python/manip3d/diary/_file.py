@@ -46,8 +46,8 @@ class DiaryFile:
         self.path = path
         self.key = key
         self._is_closed = False
-        self._place = Path(os.path.abspath(path))  # holds after a change of the working directory
-        self._told_as = self._place if told_as is None else told_as
+        self.place = Path(os.path.abspath(path))  # holds after a change of the working directory
+        self._told_as = self.place if told_as is None else told_as
         if create and told_as is None and not os.path.lexists(path):
             _make(path, key)
         with self._unchanged():
@@ -121,12 +121,12 @@ class DiaryFile:
 
     def _unchanged(self) -> contextlib.AbstractContextManager[None]:
         """Return a context that raises OSError if a file changes that is read without a lock."""
-        if _is_read_only(self._place):
-            return unchanged(self._place, self._told_as)
+        if _is_read_only(self.place):
+            return unchanged(self.place, self._told_as)
         return contextlib.nullcontext()
 
     def _connect(self) -> sqlite3.Connection:
-        return connect(self._place, _mode_of(self._place), timeout=_BUSY_S)
+        return connect(self.place, _mode_of(self.place), timeout=_BUSY_S)
 
     def _cannot_be_written(self) -> OSError:
         return OSError(
@@ -136,11 +136,11 @@ class DiaryFile:
 
     def refuse_if_read_only(self) -> None:
         """Raise OSError if the file or its folder cannot be written."""
-        if _is_read_only(self._place):
+        if _is_read_only(self.place):
             raise self._cannot_be_written()
 
     def _refuse_to_migrate_what_is_read_only(self) -> None:
-        if _is_read_only(self._place):
+        if _is_read_only(self.place):
             raise OSError(
                 f"{self._told_as}: an earlier manip3d wrote the diary, which must be changed to be "
                 "read, and it or its folder cannot be written: copy it into a folder that can be "
@@ -252,7 +252,7 @@ class DiaryFile:
         # SQLAlchemy begins transactions explicitly, because sqlite3 begins none for changes of
         # tables.
         connection.isolation_level = None
-        is_read_only = _is_read_only(self._place)
+        is_read_only = _is_read_only(self.place)
         record.info["begin"] = "BEGIN" if is_read_only else "BEGIN IMMEDIATE"
         if is_read_only:
             return
@@ -274,14 +274,14 @@ class DiaryFile:
 
     def _told(self, error: sqlite3.DatabaseError) -> Exception:
         """Return an OSError for a full disk, a lock or a missing file, or else a FormatError."""
-        if not self._place.exists():
+        if not self.place.exists():
             return OSError(f"the diary is no longer at {self._told_as}; put it back")
         # Python's own error about text that is not UTF-8 has no code of SQLite: it is damage.
         is_of_sqlite = hasattr(error, "sqlite_errorcode")
         if is_of_sqlite and error.sqlite_errorcode & 0xFF == sqlite3.SQLITE_READONLY:
             return self._cannot_be_written()
         if is_of_sqlite and isinstance(error, sqlite3.OperationalError):
-            return OSError(f"{self._told_as}: {_advised(error, self._place)}")
+            return OSError(f"{self._told_as}: {_advised(error, self.place)}")
         return FormatError(f"the diary is damaged: {error}", file=str(self._told_as))
 
 

@@ -43,9 +43,11 @@ class DiaryRecorder:
     Raises
     ------
     InputError
-        No such participant, or they have a live session open in another program.
+        No such participant, or they have a live session open in another program or are being
+        deleted there.
     FormatError, OSError
-        There is no such diary, or it has another key.
+        There is no such diary, it has another key or can only be read, or its file system has no
+        locks.
     MissingExtraError
         SQLAlchemy is not installed.
     """
@@ -64,7 +66,7 @@ class DiaryRecorder:
         try:
             person = self._diary.participant(participant)
             felt = self._diary.felt(participant)
-            self._lock = SessionLock(self._diary.path, person.identifier, person.number)
+            self._lock = SessionLock(self._diary, person.identifier, person.number)
         except BaseException:
             self._diary.close()
             raise
