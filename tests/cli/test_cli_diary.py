@@ -124,6 +124,7 @@ def test_who_had_no_pain_at_baseline_is_counted(path: str) -> None:
     shown = ran("analyse", path)
     assert "PRI down by 30 % or more: 1 of 2 with both scores" in shown
     assert "of these, with PRI 0 at baseline, counted as without response: 1" in shown
+    assert json.loads(ran("analyse", path, "--json"))["num_without_pain"] == 1
 
 
 def test_touch_cues_and_the_felt_limb_are_shown(path: str) -> None:

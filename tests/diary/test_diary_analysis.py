@@ -147,7 +147,7 @@ def test_paired_intervals_hold_the_truth_where_participants_respond_differently(
     for seed in range(1000):
         scores = simulate_cohort(EFFECTS, sd_response=8.0, seed=seed)
         for which, true in enumerate(EFFECTS):
-            found = _paired(scores[:, 0], scores[:, which + 1])
+            found, _ = _paired(scores[:, which + 1] - scores[:, 0])
             assert found is not None
             hits[which] += found.low <= true <= found.high
     check_coverage((hits / 1000).tolist(), 1000)
@@ -178,10 +178,12 @@ def ranks(pri: int) -> list[int]:
 
 
 def test_equal_changes_do_not_show_how_changes_vary() -> None:
-    before = np.array([40.0, 30.0, np.nan])
-    assert _paired(before, before - 7.0) is None
-    found = _paired(before, before - [7.0, 8.0, 0.0])
+    found, why = _paired(np.array([-7.0, -7.0]))
+    assert found is None
+    assert "all 2 participants have the same change, -7" in why
+    found, why = _paired(np.array([-7.0, -8.0]))
     assert found is not None
+    assert why == ""
     assert found.low < found.value == -7.5 < found.high
 
 
@@ -235,6 +237,19 @@ def test_who_got_worse_from_zero_stays_among_the_participants(tmp_path: Path) ->
         found = analyse(diary, today=date(2026, 3, 8))
     assert (found.responders_30.number, found.responders_30.of) == (3, 5)
     assert (found.responders_50.number, found.responders_50.of) == (3, 5)
+    assert found.num_without_pain == 2
+
+
+def test_without_a_baseline_the_occasions_are_the_later_ones(tmp_path: Path) -> None:
+    with Diary(tmp_path / "d", create=True) as diary:
+        diary.enrol("P01", at=START)
+        diary.add_mcgill("P01", ranks(20), 2, occasion="week-1", at=START)
+        diary.enrol("P02", at=START)  # without pain, and without a score at week 4
+        diary.add_mcgill("P02", ranks(0), 2, occasion="baseline", at=START)
+        assert analyse(diary).num_without_pain == 0
+        diary.delete("P02")
+        found = analyse(diary)
+    assert (found.model, found.model_occasions) == (None, ("week-1",))
 
 
 def test_the_model_is_of_the_occasions_with_scores(tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from contextlib import suppress
 from datetime import date, datetime
@@ -763,6 +764,7 @@ def analyse(path: File, key: Key = None, as_json: Json = False) -> None:
             "why_not_paired": list(found.why_not_paired),
             "responders_30": vars(found.responders_30),
             "responders_50": vars(found.responders_50),
+            "num_without_pain": found.num_without_pain,
             "adherence": {name: vars(one) for name, one in found.adherence.items()},
             "adherence_slope": found.adherence_slope and vars(found.adherence_slope),
             "why_no_slope": found.why_no_slope,
@@ -779,7 +781,7 @@ def _model(found: DiaryAnalysis) -> dict[str, Any]:
 def _show_analysis(console: Console, found: DiaryAnalysis) -> None:
     names = ("baseline", "week 1", "week 4")
     rows = [
-        [name, *("-" if value != value else f"{value:.0f}" for value in scores),
+        [name, *("-" if math.isnan(value) else f"{value:.0f}" for value in scores),
          f"{found.adherence[name].share:.0%}"]
         for name, scores in zip(found.identifiers, found.scores.tolist(), strict=True)
     ]  # fmt: skip
@@ -822,10 +824,10 @@ def _show_responders(console: Console, found: DiaryAnalysis) -> None:
                 f"PRI down by {least} % or more: {share.number} of {share.of} with both scores "
                 f"(95 %: {share.low:.0%} to {share.high:.0%})"
             )
-    without_pain = sum(first == 0 and last == last for first, _, last in found.scores.tolist())
-    if without_pain:
+    if found.num_without_pain:
         console.print(
-            f"of these, with PRI 0 at baseline, counted as without response: {without_pain}"
+            "of these, with PRI 0 at baseline, counted as without response: "
+            f"{found.num_without_pain}"
         )
 
 

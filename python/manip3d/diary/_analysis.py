@@ -125,7 +125,10 @@ class DiaryAnalysis:
     why_not_paired : tuple of str
         The same reason for each entry of ``paired``.
     model_occasions : tuple of str
-        Occasions of the model: baseline, and the later ones at which somebody has a score.
+        Occasions at which somebody has a score, and which a model is of; without baseline or a
+        later one there is no model.
+    num_without_pain : int
+        Number of those with both scores whose index is 0 at baseline.
     """
 
     identifiers: tuple[str, ...]
@@ -140,6 +143,7 @@ class DiaryAnalysis:
     why_not_paired: tuple[str, ...] = ("", "")
     why_no_slope: str = ""
     model_occasions: tuple[str, ...] = OCCASIONS
+    num_without_pain: int = 0
 
     __repr__ = short_repr
 
@@ -305,30 +309,17 @@ def _share(number: int, of: int) -> Share:
     return Share(number, of, *clopper_pearson(number, of, _LEVEL))
 
 
-def _paired(before: NDArray[np.float64], after: NDArray[np.float64]) -> Estimate | None:
-    change = _changes(before, after)
-    if _why_not_paired(change):
-        return None
-    spread = float(np.std(change, ddof=1)) / math.sqrt(len(change))
-    return _t_estimate(float(np.mean(change)), spread, len(change) - 1.0)
-
-
-def _changes(before: NDArray[np.float64], after: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the changes of the participants with both scores."""
-    change = after - before
-    return change[~np.isnan(change)]
-
-
-def _why_not_paired(change: NDArray[np.float64]) -> str:
-    """Return why changes have no interval of paired differences; empty if they have one."""
+def _paired(change: NDArray[np.float64]) -> tuple[Estimate | None, str]:
+    """Return the mean change with the t interval of paired differences, or why there is none."""
     if len(change) < 2:
-        return f"expected two participants with both scores, got {len(change)}"
+        return None, f"expected two participants with both scores, got {len(change)}"
     if np.ptp(change) == 0.0:
-        return (
+        return None, (
             f"all {len(change)} participants have the same change, {change[0]:+.0f}, which does "
             "not show how changes vary"
         )
-    return ""
+    spread = float(np.std(change, ddof=1)) / math.sqrt(len(change))
+    return _t_estimate(float(np.mean(change)), spread, len(change) - 1.0), ""
 
 
 def _why_no_slope(change: NDArray[np.float64]) -> str:
@@ -407,22 +398,24 @@ def analyse(
     model, occasions, why = _fit_existing(scores)
     first, last = scores[:, 0], scores[:, -1]
     both = ~np.isnan(first + last)
-    changes = [_changes(first, scores[:, which]) for which in (1, 2)]
+    changes = [change[~np.isnan(change)] for change in (scores[:, 1:] - first[:, None]).T]
+    paired, why_not_paired = zip(*map(_paired, changes), strict=True)
     shares = np.array([kept[person.identifier].share for person in people])
     slope = fit_slope(shares, last - first)
     return DiaryAnalysis(
         tuple(person.identifier for person in people),
         scores,
         model,
-        tuple(_paired(first, scores[:, which]) for which in (1, 2)),
+        paired,
         _responders(first[both], last[both], 0.3),
         _responders(first[both], last[both], 0.5),
         kept,
         slope,
         why,
-        tuple(map(_why_not_paired, changes)),
+        why_not_paired,
         _why_no_slope(changes[-1]) if slope is None else "",
         occasions,
+        int((first[both] == 0).sum()),
     )
 
 
