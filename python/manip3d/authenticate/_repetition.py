@@ -154,7 +154,7 @@ def _repeated_frames(frames: Sequence[RgbdFrame], share: float) -> StreamReport:
     num_same = len(firsts) - len(begins)
     reason = "depth changes everywhere"
     if share >= 0.005:  # 1 %, rounded
-        reason = f"{share:.0%} of the measured pixels never change, but no part is frozen"
+        reason = f"{share:.0%} of the measured pixels never change, which alone is no evidence"
     if num_same:
         reason += f", but {num_same} of {len(firsts)} frames are the same as the frame before"
     return StreamReport("repetition", "no_trace", reason, share)
