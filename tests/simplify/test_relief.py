@@ -1309,7 +1309,7 @@ def test_pinholes_do_not_end_the_surface(effort: simplify.Effort, share: float) 
 @pytest.mark.parametrize("effort", ["live", "balanced"])
 @pytest.mark.parametrize("missing", ["0.4", "0.6", "rows", "columns", "squares"])
 def test_a_surface_survives_many_missing_pixels(missing: str, effort: simplify.Effort) -> None:
-    """What is missing of two walls is filled, but for a large hole and the step between them."""
+    """Two walls are filled where pixels are missing, but not their large hole and the step."""
     v, u = np.mgrid[:120, :160]
     whole = (np.where(u < 90, 2.0, 3.0) + 0.1 * np.sin(u / 15) * np.cos(v / 12)).astype(np.float32)
     whole[30:50, 30:50] = 0
@@ -1340,7 +1340,7 @@ def test_a_surface_survives_many_missing_pixels(missing: str, effort: simplify.E
 def test_edges_are_limited_and_not_the_places_of_missing_pixels(
     missing: str, max_edge: float
 ) -> None:
-    """What is filled has the edges of a surface, whose diagonals of 1.41 are within the limit."""
+    """Filled surfaces have the edges of measured ones, whose diagonals are 1.41."""
     points = bumps(120, 160)
     points[..., 2] *= 0.1
     valid = np.random.default_rng(0).random((120, 160)) >= 0.5
