@@ -102,6 +102,17 @@ def test_a_missing_parent_is_told_and_not_made(words: tuple[str, ...], tmp_path:
     assert not (tmp_path / "no").exists()
 
 
+def test_several_files_are_written_to_a_url(tmp_path: Path) -> None:
+    meshes = folder_of_others(tmp_path / "meshes")
+    for name in ("a.obj", "b.obj"):
+        (meshes / name).write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    done = manip3d("convert", meshes, "--to", ".ply", "-o", f"file://{tmp_path}/new/out")
+    assert done.returncode == 0, done.stderr
+    assert {path.name for path in (tmp_path / "new" / "out").glob("*.ply")} == {"a.ply", "b.ply"}
+    done = manip3d("convert", meshes, "-o", f"file://{tmp_path}/all.ply")
+    assert "/all.ply: expected a folder for the files of" in error_line(done)
+
+
 def test_errors_of_the_library_name_options_of_the_command_only(tmp_path: Path) -> None:
     told = "x: exists already; --force (replace=True) replaces it, run without --force (replace)"
     assert without_arguments(told) == (

@@ -17,7 +17,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import KW_ONLY, dataclass, replace
 from pathlib import Path, PurePosixPath
-from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, NoReturn, get_type_hints
 
 import typer
 
@@ -34,7 +34,7 @@ from manip3d.cli.options import (
     To,
 )
 from manip3d.cli.signals import ended_like_ctrl_c
-from manip3d.cli.terminal import Terminal, check_place, collecting, count, counted, showing_as
+from manip3d.cli.terminal import Terminal, check_parent, collecting, count, counted, showing_as
 from manip3d.cli.terminal import table as show_table
 from manip3d.errors import Error, InputError
 from manip3d.io import is_url, local_copy, local_output
@@ -134,8 +134,10 @@ class Many:
         except Error:  # a damaged recording, about which the verb raises an error
             return True
 
-    def check_folder(self, sources: Sequence[str], output: Path | None) -> None:
+    def check_folder(self, sources: Sequence[str], output: Path | str | None) -> None:
         """Refuse an output of several sources that cannot be made as a folder.
+
+        ``output`` is a text if it is a URL, whose folders are made when files are written.
 
         Raises
         ------
@@ -145,10 +147,14 @@ class Many:
         """
         if output is None:
             return
-        suffix = output.suffix.lower()
-        if suffix not in self.writable or not suffix or output.is_dir():
-            check_place(output, force=True)
-            return
+        suffix = PurePosixPath(str(output)).suffix.lower()
+        is_folder = isinstance(output, Path) and output.is_dir()
+        if not is_folder and suffix and suffix in self.writable:
+            self._refuse_name_of_file(sources, output)
+        if isinstance(output, Path):
+            check_parent(output)
+
+    def _refuse_name_of_file(self, sources: Sequence[str], output: Path | str) -> NoReturn:
         more = f"several {self.noun}s" if len(sources) > 1 else f"the {self.noun}s of {sources[0]}"
         raise InputError(f"-o {output}: expected a folder for {more}, got the name of a file")
 

@@ -302,6 +302,18 @@ def check_output(
     check_place(path, force=force, is_ours=is_ours if is_folder else None, option=option)
 
 
+def check_parent(path: Path, *, option: str = "-o") -> None:
+    """Check that the folder exists in which an output would be made.
+
+    Raises
+    ------
+    InputError
+        It does not exist.
+    """
+    if not path.parent.is_dir():
+        raise InputError(f"{option} {path}: there is no folder {path.parent}")
+
+
 def check_place(
     path: Path,
     *,
@@ -331,8 +343,7 @@ def check_place(
     """
     from manip3d.io._files import other_files
 
-    if not path.parent.is_dir():
-        raise InputError(f"{option} {path}: there is no folder {path.parent}")
+    check_parent(path, option=option)
     others = [] if is_ours is None else other_files(path, is_ours)
     if others:
         named = ", ".join([*others[:3], *(["..."] if others[3:] else [])])

@@ -19,6 +19,7 @@ from manip3d.cli.options import MISSED, Force, Json, Quiet
 from manip3d.cli.terminal import (
     Terminal,
     check_output,
+    check_parent,
     check_place,
     counted,
     naming_options,
@@ -281,7 +282,7 @@ def embed(
     expect_kind(source, "scan", "drive", verb="watermark embed")
     drive = Path(source).is_dir()
     if drive:
-        check_place(output, force=True)  # a run that was stopped is continued in its folder
+        check_parent(output)  # a run that was stopped is continued in its folder
     else:
         check_output(output, FOLDER_SUFFIXES, force=force)
     with (
