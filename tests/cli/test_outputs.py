@@ -35,6 +35,40 @@ def test_files_of_others_are_told_before_force_is_offered(tmp_path: Path) -> Non
         check_place(place, force=None, option="KEY")
 
 
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("lod", "a.obj"),
+        ("phantom", "render", "sim:body?frames=2", "--limb", "left-arm"),
+        ("study", "results", "answers"),
+        ("diary", "export", "study.diary"),
+        ("diary", "export", "study.diary", "--pages"),
+        ("diary", "clips", "study.diary", "P01"),
+    ],
+    ids=lambda words: "-".join(words[:2]),
+)
+def test_the_current_folder_is_not_replaced_as_a_whole(
+    words: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "a.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    monkeypatch.chdir(folder_of_others(tmp_path / "here"))
+    given = [f"../{word}" if word == "a.obj" else word for word in words]
+    for force in ([], ["--force"]):
+        told = error_line(manip3d(*given, "-o", ".", *force))
+        assert "-o .: expected another folder than the current one or one above it" in told
+    assert (tmp_path / "here").samefile(".")
+
+
+def test_a_recording_may_be_made_in_the_current_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    capture.record(list(rgbd_frames.frames(2)), tmp_path / "walk.mkv")
+    monkeypatch.chdir(folder_of_others(tmp_path / "here"))
+    done = manip3d("capture", "record", "../walk.mkv", "-o", ".", "--force")
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "here" / "frames.jsonl").samefile("frames.jsonl")
+
+
 @pytest.mark.parametrize("scheme", ["", "folder:", "tum:"])
 def test_what_a_recorder_replaces_is_judged_as_the_recorder_does(
     scheme: str, tmp_path: Path

@@ -19,7 +19,15 @@ from typer.testing import CliRunner
 
 from manip3d import InputError
 from manip3d.cli import app
-from manip3d.diary import Diary, DiaryGame, _page, write_overview, write_page
+from manip3d.diary import (
+    Diary,
+    DiaryGame,
+    _page,
+    export_clips,
+    export_csv,
+    write_overview,
+    write_page,
+)
 from manip3d.diary._trends import Point, trend
 
 START = datetime(2026, 3, 2, 9, 0, tzinfo=timezone(timedelta(hours=1)))
@@ -218,6 +226,22 @@ def test_the_overview_shows_who_needs_attention(tmp_path: Path) -> None:
         (tmp_path / "pages" / "notes.txt").write_text("mine")
         with pytest.raises(InputError, match=r"holds other files: notes\.txt"):
             write_overview(diary, tmp_path / "pages", overwrite=True)
+
+
+def test_an_export_does_not_replace_the_current_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "here").mkdir()
+    monkeypatch.chdir(tmp_path / "here")
+    with Diary(tmp_path / "d", create=True) as diary:
+        diary.enrol("P01")
+        before = len(diary.audit())
+        for write in (write_overview, export_csv):
+            with pytest.raises(InputError, match="expected another folder than the current one"):
+                write(diary, ".", overwrite=True)
+        with pytest.raises(InputError, match="expected another folder than the current one"):
+            export_clips(diary, ".", "P01", overwrite=True)
+        assert len(diary.audit()) == before  # no export is noted
 
 
 def test_pages_of_a_diary_from_the_command_line(tmp_path: Path) -> None:

@@ -20,7 +20,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import manip3d
-from manip3d import io
+from manip3d import InputError, io
 from manip3d.io._files import atomic_folder, atomic_pair, atomic_path, atomic_write, write_new
 
 SUFFIXES = ["obj", "ply", "off", "stl"]
@@ -647,6 +647,34 @@ def test_a_folder_is_old_or_new_where_names_cannot_be_exchanged(
         (new / "text").write_text("newer")
     assert os.listdir(target) == ["text"]
     assert (target / "text").read_text() == "newer"
+
+
+@pytest.mark.parametrize("name", [".", "..", "../inner", "../../outer"])
+def test_the_current_folder_is_not_replaced(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    inner = tmp_path / "outer" / "inner"
+    inner.mkdir(parents=True)
+    monkeypatch.chdir(inner)
+    with (
+        pytest.raises(InputError, match="expected another folder than the current one"),
+        atomic_folder(name),
+    ):
+        pass
+    with atomic_folder("../other") as new:
+        (new / "text").touch()
+    assert sorted(os.listdir("..")) == ["inner", "other"]
+
+
+def test_a_folder_is_replaced_by_a_process_whose_current_folder_was_deleted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "deleted").mkdir()
+    monkeypatch.chdir(tmp_path / "deleted")
+    (tmp_path / "deleted").rmdir()
+    with atomic_folder(tmp_path / "made") as new:
+        (new / "text").touch()
+    assert os.listdir(tmp_path / "made") == ["text"]
 
 
 def test_atomic_pair_leaves_a_folder_that_has_the_companions_name(tmp_path: Path) -> None:

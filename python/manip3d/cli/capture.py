@@ -187,6 +187,7 @@ def check_recording_output(output: Path, *, force: bool) -> None:
         force=force,
         folder=True,
         is_ours=lambda name: is_file_of_recording(place, name, is_tum=is_tum),
+        in_place=True,
     )
 
 

@@ -180,7 +180,9 @@ def check_answers(output: Path) -> None:
     """
     from manip3d.study._store import is_file_of_study
 
-    check_place(output, force=True, is_ours=lambda name: is_file_of_study(output, name))
+    check_place(
+        output, force=True, is_ours=lambda name: is_file_of_study(output, name), in_place=True
+    )
 
 
 def run_kind(

@@ -269,6 +269,7 @@ def check_output(
     force: bool | None,
     folder: bool = False,
     is_ours: Callable[[str], bool] | None = None,
+    in_place: bool = False,
     option: str = "-o",
 ) -> None:
     """Check ``-o`` before any work is done.
@@ -281,8 +282,8 @@ def check_output(
         Suffixes of the formats that the command writes.
     folder : bool
         Whether a name without a suffix, which is a folder, is accepted, too.
-    force, is_ours, option
-        See `check_place`; ``is_ours`` is for folders.
+    force, is_ours, in_place, option
+        See `check_place`; ``is_ours`` and ``in_place`` are for folders.
 
     Raises
     ------
@@ -299,7 +300,8 @@ def check_output(
         names = [f"a name that ends in {', '.join(suffixes)}"] if suffixes else []
         names += ["a folder's name without a suffix"] if folder else []
         raise InputError(f"{option} {path}: expected {', or '.join(names)}")
-    check_place(path, force=force, is_ours=is_ours if is_folder else None, option=option)
+    is_ours = is_ours if is_folder else None
+    check_place(path, force=force, is_ours=is_ours, in_place=in_place, option=option)
 
 
 def check_parent(path: Path, *, option: str = "-o") -> None:
@@ -319,6 +321,7 @@ def check_place(
     *,
     force: bool | None,
     is_ours: Callable[[str], bool] | None = None,
+    in_place: bool = False,
     option: str = "-o",
 ) -> None:
     """Check the place of an output of any name before any work is done.
@@ -332,6 +335,9 @@ def check_place(
     is_ours : callable(str), optional
         Returns whether a file of this name in the folder was written by an earlier run. Other files
         are refused, also with ``force``.
+    in_place : bool
+        Whether the folder stays and its files are replaced. Otherwise it is replaced as a whole,
+        and may not be the current one.
     option : str
         Name of the option or argument in errors.
 
@@ -339,11 +345,13 @@ def check_place(
     ------
     InputError
         The folder of the output does not exist, the output exists, or it is a folder with other
-        files.
+        files, or the current one.
     """
-    from manip3d.io._files import other_files
+    from manip3d.io._files import other_files, refuse_current
 
     check_parent(path, option=option)
+    if is_ours is not None and not in_place:
+        refuse_current(path, f"{option} {path}")
     others = [] if is_ours is None else other_files(path, is_ours)
     if others:
         named = ", ".join([*others[:3], *(["..."] if others[3:] else [])])

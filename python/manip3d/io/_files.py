@@ -162,17 +162,36 @@ def atomic_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
     Raises
     ------
     InputError
-        ``path`` is no path, see `path_of`.
+        ``path`` is no path, see `path_of`, or it holds the current folder, see `refuse_current`.
     OSError
         See `atomic_path`.
     """
     target = Path(os.path.realpath(path_of(path)))
+    refuse_current(target, f"output: {os.fspath(path)}")
     with folder_beside(target, path) as folder:
         new = folder / "new"
         new.mkdir()
         yield new
         _core.replace_folder(os.fsencode(new), os.fsencode(target))
         sync_folder(target.parent)
+
+
+def refuse_current(folder: Path, shown: str) -> None:
+    """Raise if a folder that is to be replaced as a whole is the current one, or one above it.
+
+    The user's shell, and relative paths of this process, would refer to the deleted folder.
+
+    Raises
+    ------
+    InputError
+        It is; the error begins with ``shown``.
+    """
+    try:
+        is_current = Path.cwd().is_relative_to(os.path.realpath(folder))
+    except FileNotFoundError:  # the current folder has been deleted
+        return
+    if is_current:
+        raise InputError(f"{shown}: expected another folder than the current one or one above it")
 
 
 def refuse_other_files(folder: Path, is_ours: Callable[[str], bool]) -> None:
@@ -190,8 +209,9 @@ def refuse_other_files(folder: Path, is_ours: Callable[[str], bool]) -> None:
     Raises
     ------
     InputError
-        The folder holds other files; the error names some of them.
+        The folder holds other files, of which the error names some, or see `refuse_current`.
     """
+    refuse_current(folder, f"output: {folder}")
     if os.path.lexists(folder) and not folder.is_dir():
         raise InputError(f"output: expected a folder, {folder} is a file")
     others = other_files(folder, is_ours)
