@@ -69,6 +69,38 @@ def test_a_recording_may_be_made_in_the_current_folder(
     assert (tmp_path / "here" / "frames.jsonl").samefile("frames.jsonl")
 
 
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("lod", "a.obj"),
+        ("convert", "a.xyz"),
+        ("phantom", "render", "sim:body?frames=2", "--limb", "left-arm"),
+        ("capture", "record", "sim:body?frames=2"),
+        ("capture", "play", "sim:body?frames=2"),
+        ("simplify", "meshes", "--ratio", "0.5"),
+        ("study", "results", "answers"),
+        ("study", "simulate", "study.toml"),
+        ("diary", "export", "study.diary"),
+        ("watermark", "embed", "meshes", "--key", "sensor.key"),
+    ],
+    ids=lambda words: "-".join(words[:2]),
+)
+def test_a_file_in_the_place_of_a_folder_is_told_and_no_force_offered(
+    words: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    mesh = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"
+    folder_of_others(tmp_path / "meshes")
+    for name in ("a.obj", "meshes/a.obj", "meshes/b.obj"):
+        (tmp_path / name).write_text(mesh)
+    for name in ("a.xyz", "meshes/a.xyz"):
+        (tmp_path / name).write_text("1 2 3\n4 5 6\n")
+    manip3d("study", "define", "display", "-o", "study.toml", "--example")
+    (tmp_path / "file").write_text("mine")
+    assert "-o file: expected a folder, got a file" in error_line(manip3d(*words, "-o", "file"))
+    assert (tmp_path / "file").read_text() == "mine"
+
+
 @pytest.mark.parametrize("scheme", ["", "folder:", "tum:"])
 def test_what_a_recorder_replaces_is_judged_as_the_recorder_does(
     scheme: str, tmp_path: Path

@@ -34,7 +34,7 @@ from manip3d.cli.options import (
     To,
 )
 from manip3d.cli.signals import ended_like_ctrl_c
-from manip3d.cli.terminal import Terminal, check_parent, collecting, count, counted, showing_as
+from manip3d.cli.terminal import Terminal, check_folder, collecting, count, counted, showing_as
 from manip3d.cli.terminal import table as show_table
 from manip3d.errors import Error, InputError
 from manip3d.io import is_url, local_copy, local_output
@@ -142,8 +142,8 @@ class Many:
         Raises
         ------
         InputError
-            The output has a suffix that the verb writes, and is not an existing folder; or the
-            folder in which it would be made does not exist.
+            The output has a suffix that the verb writes, and is not an existing folder; or see
+            `manip3d.cli.terminal.check_folder`.
         """
         if output is None:
             return
@@ -152,7 +152,7 @@ class Many:
         if not is_folder and suffix and suffix in self.writable:
             self._refuse_name_of_file(sources, output)
         if isinstance(output, Path):
-            check_parent(output)
+            check_folder(output)
 
     def _refuse_name_of_file(self, sources: Sequence[str], output: Path | str) -> NoReturn:
         more = f"several {self.noun}s" if len(sources) > 1 else f"the {self.noun}s of {sources[0]}"

@@ -10,7 +10,15 @@ import typer
 
 from manip3d.cli.options import Force, Json, Quiet, Seed
 from manip3d.cli.signals import ended_like_ctrl_c
-from manip3d.cli.terminal import Terminal, check_output, check_place, counted, naming_options, table
+from manip3d.cli.terminal import (
+    Terminal,
+    check_folder,
+    check_output,
+    check_place,
+    counted,
+    naming_options,
+    table,
+)
 from manip3d.errors import InputError
 
 app = typer.Typer(
@@ -176,13 +184,11 @@ def check_answers(output: Path) -> None:
     Raises
     ------
     InputError
-        See `check_place`.
+        See `check_folder`.
     """
     from manip3d.study._store import is_file_of_study
 
-    check_place(
-        output, force=True, is_ours=lambda name: is_file_of_study(output, name), in_place=True
-    )
+    check_folder(output, lambda name: is_file_of_study(output, name))
 
 
 def run_kind(

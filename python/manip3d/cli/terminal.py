@@ -300,6 +300,8 @@ def check_output(
         names = [f"a name that ends in {', '.join(suffixes)}"] if suffixes else []
         names += ["a folder's name without a suffix"] if folder else []
         raise InputError(f"{option} {path}: expected {', or '.join(names)}")
+    if is_folder:
+        check_folder(path, option=option)
     is_ours = is_ours if is_folder else None
     check_place(path, force=force, is_ours=is_ours, in_place=in_place, option=option)
 
@@ -314,6 +316,38 @@ def check_parent(path: Path, *, option: str = "-o") -> None:
     """
     if not path.parent.is_dir():
         raise InputError(f"{option} {path}: there is no folder {path.parent}")
+
+
+def check_folder(
+    path: Path, is_ours: Callable[[str], bool] | None = None, *, option: str = "-o"
+) -> None:
+    """Check the place of a folder, which may exist, before any work is done.
+
+    Parameters
+    ----------
+    path : Path
+        The folder.
+    is_ours : callable(str), optional
+        Returns whether a file of this name in the folder was written by an earlier run. Other files
+        are refused, because the command could not replace the folder without them.
+    option : str
+        Name of the option or argument in errors.
+
+    Raises
+    ------
+    InputError
+        The folder in which it would be made does not exist, there is a file in its place, or it
+        holds other files.
+    """
+    from manip3d.io._files import other_files
+
+    check_parent(path, option=option)
+    if path.exists() and not path.is_dir():
+        raise InputError(f"{option} {path}: expected a folder, got a file")
+    others = [] if is_ours is None else other_files(path, is_ours)
+    if others:
+        named = ", ".join([*others[:3], *(["..."] if others[3:] else [])])
+        raise InputError(f"{option} {path}: holds other files ({named}); give another folder")
 
 
 def check_place(
@@ -333,8 +367,7 @@ def check_place(
     force : bool or None
         Whether an existing output may be replaced; None: the command never replaces a file.
     is_ours : callable(str), optional
-        Returns whether a file of this name in the folder was written by an earlier run. Other files
-        are refused, also with ``force``.
+        The output is a folder, see `check_folder`.
     in_place : bool
         Whether the folder stays and its files are replaced. Otherwise it is replaced as a whole,
         and may not be the current one.
@@ -344,18 +377,17 @@ def check_place(
     Raises
     ------
     InputError
-        The folder of the output does not exist, the output exists, or it is a folder with other
-        files, or the current one.
+        The folder of the output does not exist, the output exists, or it is the current folder; or
+        see `check_folder`.
     """
-    from manip3d.io._files import other_files, refuse_current
+    from manip3d.io._files import refuse_current
 
-    check_parent(path, option=option)
-    if is_ours is not None and not in_place:
-        refuse_current(path, f"{option} {path}")
-    others = [] if is_ours is None else other_files(path, is_ours)
-    if others:
-        named = ", ".join([*others[:3], *(["..."] if others[3:] else [])])
-        raise InputError(f"{option} {path}: holds other files ({named}); give another folder")
+    if is_ours is None:
+        check_parent(path, option=option)
+    else:
+        check_folder(path, is_ours, option=option)
+        if not in_place:
+            refuse_current(path, f"{option} {path}")
     if path.exists() and not force and not path.is_char_device():
         cure = "--force replaces it" if force is not None else "give another name"
         raise InputError(f"{option} {path}: exists already; {cure}")

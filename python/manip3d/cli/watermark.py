@@ -18,8 +18,8 @@ from manip3d.cli.many import over_files
 from manip3d.cli.options import MISSED, Force, Json, Quiet
 from manip3d.cli.terminal import (
     Terminal,
+    check_folder,
     check_output,
-    check_parent,
     check_place,
     counted,
     naming_options,
@@ -282,7 +282,7 @@ def embed(
     expect_kind(source, "scan", "drive", verb="watermark embed")
     drive = Path(source).is_dir()
     if drive:
-        check_parent(output)  # a run that was stopped is continued in its folder
+        check_folder(output)  # a run that was stopped is continued in its folder
     else:
         check_output(output, FOLDER_SUFFIXES, force=force)
     with (
