@@ -133,6 +133,19 @@ def test_a_folder_that_is_no_recording_is_told_before_the_source_is_opened(
     assert f"-o {place}: holds other files (000000.glb); give another" in error_line(done)
 
 
+def test_pictures_of_frames_replace_no_folder_with_other_files(tmp_path: Path) -> None:
+    place = folder_of_others(tmp_path / "mine", "000007.png", "notes.txt")
+    play = ("capture", "play", "sim:body?frames=2", "--speed", "0", "-o", place)
+    for force in ([], ["--force"]):
+        told = error_line(manip3d(*play, *force))
+        assert f"-o {place}: holds other files (notes.txt); give another folder" in told
+    assert sorted(path.name for path in place.iterdir()) == ["000007.png", "notes.txt"]
+    (place / "notes.txt").unlink()
+    done = manip3d(*play, "--force")
+    assert done.returncode == 0, done.stderr
+    assert sorted(path.name for path in place.iterdir()) == ["000000.png", "000001.png"]
+
+
 def test_only_an_empty_folder_or_that_of_a_study_gets_answers(tmp_path: Path) -> None:
     definition = tmp_path / "study.toml"
     manip3d("study", "define", "display", "-o", definition, "--example")

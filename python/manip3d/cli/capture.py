@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import time
 from collections.abc import Iterable
 from contextlib import ExitStack, suppress
@@ -450,9 +451,14 @@ class _Pictures:
         if self._output.suffix:
             _write_png(self._output, _tiled(self._sheet))
             return
-        for old in self._output.glob(f"{'[0-9]' * 6}.png"):
-            if int(old.stem) >= self._written:
+        for old in self._output.iterdir():
+            if _is_picture_of_play(old.name) and int(old.stem) >= self._written:
                 old.unlink()
+
+
+def _is_picture_of_play(name: str) -> bool:
+    """Return whether `_Pictures` writes a picture of this name into its folder."""
+    return bool(re.fullmatch(r"[0-9]{6}\.png", name))
 
 
 def _refuse_folder_of(source: RgbdSource, output: Path | None) -> None:
@@ -609,7 +615,9 @@ def capture_play(
 
     Example: manip3d capture play patient.mkv -o frames.png
     """
-    check_output(output, (".png",), force=force, folder=True)
+    check_output(
+        output, (".png",), force=force, folder=True, is_ours=_is_picture_of_play, in_place=True
+    )
     shell = Terminal(as_json=as_json, quiet=quiet)
     opened = open_source(
         source,
