@@ -39,6 +39,7 @@ def test_files_of_others_are_told_before_force_is_offered(tmp_path: Path) -> Non
     "words",
     [
         ("lod", "a.obj"),
+        ("simulate", "sim:street", "--no-pictures"),
         ("phantom", "render", "sim:body?frames=2", "--limb", "left-arm"),
         ("study", "results", "answers"),
         ("diary", "export", "study.diary"),
@@ -73,6 +74,7 @@ def test_a_recording_may_be_made_in_the_current_folder(
     "words",
     [
         ("lod", "a.obj"),
+        ("simulate", "sim:street"),
         ("convert", "a.xyz"),
         ("phantom", "render", "sim:body?frames=2", "--limb", "left-arm"),
         ("capture", "record", "sim:body?frames=2"),
@@ -131,6 +133,17 @@ def test_a_folder_that_is_no_recording_is_told_before_the_source_is_opened(
     place = folder_of_others(tmp_path / "frames", "000000.glb")
     done = manip3d(*verb, tmp_path / "absent.mkv", "-o", place, *force)
     assert f"-o {place}: holds other files (000000.glb); give another" in error_line(done)
+
+
+def test_a_drive_replaces_only_drives(tmp_path: Path) -> None:
+    place = folder_of_others(tmp_path / "mine", "notes.txt")
+    words = ("simulate", "sim:street", "--frames", "1", "--no-pictures", "-o", place)
+    for force in ([], ["--force"]):
+        told = error_line(manip3d(*words, *force))
+        assert f"-o {place}: holds other files (notes.txt); give another folder" in told
+    (place / "notes.txt").unlink()
+    (place / "2000_01_01").mkdir()
+    assert error_line(manip3d(*words)).endswith(f"-o {place}: exists already; --force replaces it")
 
 
 def test_pictures_of_frames_replace_no_folder_with_other_files(tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -55,6 +56,13 @@ def write_simulated(
         "sim:calibration-indoor-00 to -11, sim:calibration-outdoor-00 to -11; or a model: "
         f"{', '.join(f'sim:{known}' for known in models.MODELS)}"
     )
+
+
+def _rule_of_folders(source: str) -> Callable[[str], bool] | None:
+    """Return which files a folder of drives holds, or None if the source gives a single file."""
+    from manip3d.simulate.drives import is_part_of_drives
+
+    return is_part_of_drives if source.removeprefix("sim:") == "street" else None
 
 
 def _model(name: str, output: Path, terminal: Terminal, seed: int) -> dict[str, Any]:
@@ -166,7 +174,7 @@ def simulate(
 
     Example: manip3d simulate sim:indoor-00 -o scan.pcd
     """
-    check_place(output, force=force)
+    check_place(output, force=force, is_ours=_rule_of_folders(source))
     shell = Terminal(as_json=as_json, quiet=quiet)
     record = write_simulated(
         source,

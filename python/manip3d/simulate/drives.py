@@ -267,7 +267,12 @@ def write_drive(
 
 
 def _holds_drives_only(folder: Path) -> bool:
-    return folder.is_dir() and {path.name for path in folder.iterdir()} <= {DATE}
+    return folder.is_dir() and all(is_part_of_drives(path.name) for path in folder.iterdir())
+
+
+def is_part_of_drives(name: str) -> bool:
+    """Return whether `write_drive` makes a subfolder of this name in its folder."""
+    return name == DATE
 
 
 def _write_frame(folder: Path, index: int, frame: DriveFrame, street: Street) -> None:
