@@ -288,6 +288,9 @@ def test_a_screen_reader_is_told_what_the_view_shows(chromium: None, quad: Mesh)
     pages = {
         "img: 3D view of before, after": html([quad, quad], labels=["before", "after"]),
         "img: 3D view of a walk": film([quad, quad], labels=["0", "1"], rate=2, title="a walk"),
+        "img: 3D view of after": html([quad, quad], labels=["", "after"]),
+        "img: 3D view of two quads": html([quad, quad], title="two quads"),
+        "img: 3D view": html(quad),
     }
     for expected, text in pages.items():
         with _chromium.open_page(text, (400, 300)) as tab:

@@ -120,8 +120,9 @@ async function start(page) {
  * @param {Page} page
  */
 function labelOf({ title, models, film }) {
-  const shown = film ? title : models.map(({ label }) => label).join(", ");
-  return `3D view of ${shown || title}`;
+  const labels = models.map(({ label }) => label).filter(Boolean).join(", ");
+  const shown = (!film && labels) || title;
+  return shown ? `3D view of ${shown}` : "3D view";
 }
 
 /** @param {Entry} entry */
