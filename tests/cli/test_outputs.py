@@ -180,6 +180,7 @@ def test_only_an_empty_folder_or_that_of_a_study_gets_answers(tmp_path: Path) ->
     "words",
     [
         ("simplify", "SCANS", "--ratio", "0.5", "-o", "no/such/out"),
+        ("info", "SCANS", "--table", "no/such/table.csv"),
         ("simulate", "sim:airplane", "-o", "no/such/plane.obj"),
         ("study", "define", "rating", "-o", "no/such/study.toml"),
         ("watermark", "keygen", "no/such/sensor.key"),
@@ -203,6 +204,18 @@ def test_several_files_are_written_to_a_url(tmp_path: Path) -> None:
     assert {path.name for path in (tmp_path / "new" / "out").glob("*.ply")} == {"a.ply", "b.ply"}
     done = manip3d("convert", meshes, "-o", f"file://{tmp_path}/all.ply")
     assert "/all.ply: expected a folder for the files of" in error_line(done)
+
+
+def test_a_table_may_be_in_the_folder_that_the_outputs_make(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    meshes = folder_of_others(tmp_path / "meshes")
+    (meshes / "a.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    monkeypatch.chdir(tmp_path)
+    table = tmp_path / "new" / "rows.csv"
+    done = manip3d("convert", meshes, "--to", ".ply", "-o", "new", "--table", table)
+    assert done.returncode == 0, done.stderr
+    assert table.is_file()
 
 
 def test_errors_of_the_library_name_options_of_the_command_only(tmp_path: Path) -> None:

@@ -274,7 +274,9 @@ def _embed_drive(
         _refuse_unsigned(target, works)
     done = [] if replace else _go_on(marker, works)
     if not (replace or done) and any(path.is_file() for path in target.rglob("*")):
-        raise InputError(f"{target}: exists already; --force (replace=True) replaces its scans")
+        raise InputError(
+            f"output: {target} exists already; --force (replace=True) replaces its scans"
+        )
     pictures = {work.shown for work in works if work.shown is not None}
     with reporting(progress, "embed") as report, _noting_what_is_done(target, works, done):
         for number, work in enumerate(works[len(done) :], len(done) + 1):

@@ -133,7 +133,8 @@ def lod(
             chain = simplify.lod_chain(
                 cleaned, levels, ratio=ratio, method=chosen, options=options, progress=progress
             )
-    chain.write(output, max_vertices=max_vertices, quantize=quantize)
+    with naming_options("output", path="output"):
+        chain.write(output, max_vertices=max_vertices, quantize=quantize)
     record = _record(source, output, chain) | {"nodes_lost": opened.nodes_lost}
     rows = [
         (str(i), str(level["faces"]), f"{level['max_error']:.3g}")

@@ -34,7 +34,15 @@ from manip3d.cli.options import (
     To,
 )
 from manip3d.cli.signals import ended_like_ctrl_c
-from manip3d.cli.terminal import Terminal, check_folder, collecting, count, counted, showing_as
+from manip3d.cli.terminal import (
+    Terminal,
+    check_folder,
+    check_parent,
+    collecting,
+    count,
+    counted,
+    showing_as,
+)
 from manip3d.cli.terminal import table as show_table
 from manip3d.errors import Error, InputError
 from manip3d.io import is_url, local_copy, local_output
@@ -421,12 +429,22 @@ class _Run:
     def _files(self, many: Many) -> list[SourceFile]:
         found = many.files(self._sources)  # first, so that an empty folder is reported first
         many.check_folder(self._sources, self._output)
+        self._check_table()
         files = self._rules.choose(found)
         if not files:
             raise InputError(f"{', '.join(self._sources)}: expected {many.noun}s, found none")
         if self._output is not None:
             many.refuse_output(self._rules.finished, files)
         return files
+
+    def _check_table(self) -> None:
+        """Refuse a table in a folder that does not exist, unless the outputs make the folder."""
+        if not self._batch.table or is_url(self._batch.table):
+            return
+        table = Path(self._batch.table)
+        output = None if self._output is None else Path(self._output).absolute()
+        if output is None or not table.absolute().is_relative_to(output):
+            check_parent(table, option="--table")
 
     def _stamped(self, files: Sequence[SourceFile]) -> list[SourceFile]:
         """Return the files with stamps that also change with what else decides on the rows."""
