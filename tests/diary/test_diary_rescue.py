@@ -17,7 +17,7 @@ from typing import Any
 
 import pytest
 
-from command_line import manip3d
+from command_line import error_line, manip3d
 from manip3d import FormatError, InputError
 
 pytest.importorskip("sqlalchemy", reason="the extra 'diary' is not installed")
@@ -429,6 +429,13 @@ def test_what_would_not_open_is_no_rescue(kept: Path, tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"output: .*new.diary exists already; --force "):
         rescue_diary(kept, new)
     assert new.read_text() == "mine"
+    os.mkfifo(tmp_path / "pipe")
+    for place in (tmp_path / "pipe", tmp_path):
+        with pytest.raises(InputError, match="output: expected the name of a regular file"):
+            rescue_diary(kept, place, overwrite=True)
+    done = manip3d("diary", "rescue", kept, "-o", tmp_path / "pipe", "--force")
+    assert "-o: expected the name of a regular file, got " in error_line(done)
+    assert (tmp_path / "pipe").is_fifo()
 
 
 def test_the_command_says_what_is_missing(kept: Path, tmp_path: Path) -> None:

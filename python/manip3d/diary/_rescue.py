@@ -85,8 +85,8 @@ def rescue_diary(
     Raises
     ------
     InputError
-        ``output`` exists, is the diary itself, or has an SQLite journal next to it; or a key is
-        given for a diary that is not encrypted.
+        ``output`` exists, is no regular file, is the diary itself, or has an SQLite journal next to
+        it; or a key is given for a diary that is not encrypted.
     FormatError
         The file is not a diary, its list of tables or the check of its key is damaged, or ``key``
         does not open it.
@@ -113,6 +113,8 @@ def rescue_diary(
     """
     source, target = path_of(path, "path"), path_of(output, "output")
     opener = require_key_material(key)
+    if target.exists() and not target.is_file():  # a device, which a file would replace
+        raise InputError(f"output: expected the name of a regular file, got {target}")
     if target.exists() and not overwrite:
         raise InputError(f"output: {target} exists already; --force (overwrite=True) replaces it")
     if target.exists() and source.exists() and target.samefile(source):
