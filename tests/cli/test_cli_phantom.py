@@ -232,7 +232,7 @@ def test_a_short_source_without_skeletons_is_not_one_without_a_person(tmp_path: 
     film = render_phantom(bare, tmp_path / "bare", affected="left_arm")
     assert film.messages == {PhantomReason.NO_SKELETON.message: 3}
     film = render_phantom([*bare[:2], frames[2]], tmp_path / "late", affected="left_arm")
-    assert film.messages[PhantomReason.NO_PERSON.message] == 2
+    assert film.messages[PhantomReason.NO_JOINTS.message] == 2
     assert PhantomReason.NO_SKELETON.message not in film.messages
 
 

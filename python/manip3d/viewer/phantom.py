@@ -220,14 +220,15 @@ class _FrameCounts:
         """Return the messages, in view of the whole source.
 
         The pipeline waits for a second before it says that a source has no skeletons, and until
-        then says that nobody is in view. ``is_tracked``: joints were looked for, so that nobody is.
+        then says that the tracker has no joints. ``is_tracked``: joints were looked for, and it has
+        none.
         """
         from manip3d.modify import PhantomReason
 
         messages = self.messages.copy()
         if not self.with_skeleton and not is_tracked:
-            nobody = messages.pop(PhantomReason.NO_PERSON.message, 0)
-            messages.update({PhantomReason.NO_SKELETON.message: nobody} if nobody else {})
+            none = messages.pop(PhantomReason.NO_JOINTS.message, 0)
+            messages.update({PhantomReason.NO_SKELETON.message: none} if none else {})
         return dict(messages)
 
 
