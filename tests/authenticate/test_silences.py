@@ -17,6 +17,10 @@ from manip3d.authenticate._firings import firings_of
 from manip3d.authenticate._sensors import kitti_lattice
 from manip3d.io import read_scan
 from manip3d.lidar import LidarFrame
+from manip3d.simulate._surfaces import sheet
+from manip3d.simulate._things import Relief, block
+from manip3d.simulate._world import Label, Surface, WorldBuilder
+from manip3d.simulate.streets import Street
 from real_data import RealData
 
 RAW = "lidar/kitti_raw/2011_09_26/2011_09_26_drive_0002_sync/velodyne_points/data"
@@ -134,6 +138,36 @@ def test_a_band_that_was_cut_out_all_around_is_named(
 
 def test_a_whole_street_has_no_bands_and_no_silent_sectors() -> None:
     found = authenticate.inspect(street(), power=False)
+    assert (found.verdict, found.processing) == ("no_trace", ())
+
+
+STONE = Surface((0.6, 0.6, 0.6), 0.5)
+
+
+def plain(builder: WorldBuilder, *, until: float, reflectance: float) -> Relief:
+    """Add ground from 95 m to the right of a road to ``until`` metres to its left."""
+    relief = Relief(np.random.default_rng(1), 0.03, 30.0)
+    x, y = np.meshgrid(np.arange(0.0, 421.0, 2.0), np.arange(until - 96.0, until + 0.1, 2.0))
+    ground = sheet(np.stack([x, y, relief(x, y)], -1), uv_box=(0.0, 0.0, 420.0, 95.0))
+    builder.add([(ground, Surface((0.3, 0.3, 0.3), reflectance))], Label.GROUND)
+    return relief
+
+
+def scan_of(builder: WorldBuilder, relief: Relief) -> NDArray[np.float32]:
+    drive = Street(builder.build(), (), relief, (60.0, -1.6), 8.0, 0.1)
+    return simulate.hdl64e(drive, 3.0, rng=1).frame.points
+
+
+@pytest.mark.parametrize("edge", [3.0, 5.0, 8.0])
+def test_water_beside_a_road_is_no_silent_sector(edge: float) -> None:
+    """Nothing answers beyond the edge of a quay, and houses stand on the other side."""
+    pytest.importorskip("open3d")
+    builder, random = WorldBuilder(), np.random.default_rng(1)
+    relief = plain(builder, until=edge, reflectance=0.25)
+    for x in np.arange(0.0, 400.0, 10.0):
+        y, height = random.uniform(-45.0, -20.0), random.uniform(4.0, 20.0)
+        builder.add(block((x, y, -1.0), (x + 8.0, y + 8.0, height), STONE), Label.BUILDING)
+    found = authenticate.inspect(scan_of(builder, relief), power=False)
     assert (found.verdict, found.processing) == ("no_trace", ())
 
 
