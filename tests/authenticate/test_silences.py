@@ -18,8 +18,8 @@ from manip3d.authenticate._sensors import kitti_lattice
 from manip3d.io import read_scan
 from manip3d.lidar import LidarFrame
 from manip3d.simulate._surfaces import sheet
-from manip3d.simulate._things import Relief, block
-from manip3d.simulate._world import Label, Surface, WorldBuilder
+from manip3d.simulate._things import Relief, block, tree
+from manip3d.simulate._world import Label, Surface, WorldBuilder, placed
 from manip3d.simulate.streets import Street
 from real_data import RealData
 
@@ -147,7 +147,7 @@ STONE = Surface((0.6, 0.6, 0.6), 0.5)
 def plain(builder: WorldBuilder, *, until: float, reflectance: float) -> Relief:
     """Add ground from 95 m to the right of a road to ``until`` metres to its left."""
     relief = Relief(np.random.default_rng(1), 0.03, 30.0)
-    x, y = np.meshgrid(np.arange(0.0, 421.0, 2.0), np.arange(until - 96.0, until + 0.1, 2.0))
+    x, y = np.meshgrid(np.arange(0.0, 421.0, 2.0), np.linspace(-95.0, until, 96))
     ground = sheet(np.stack([x, y, relief(x, y)], -1), uv_box=(0.0, 0.0, 420.0, 95.0))
     builder.add([(ground, Surface((0.3, 0.3, 0.3), reflectance))], Label.GROUND)
     return relief
@@ -169,6 +169,23 @@ def test_water_beside_a_road_is_no_silent_sector(edge: float) -> None:
         builder.add(block((x, y, -1.0), (x + 8.0, y + 8.0, height), STONE), Label.BUILDING)
     found = authenticate.inspect(scan_of(builder, relief), power=False)
     assert (found.verdict, found.processing) == ("no_trace", ())
+
+
+@pytest.mark.parametrize(("reflectance", "nearest"), [(0.05, 32.0), (0.03, 28.0)])
+def test_the_end_of_dark_ground_is_no_band_of_elevations(
+    reflectance: float, nearest: float
+) -> None:
+    """The ground answers up to a distance at which single returns get lost; trees stand beyond."""
+    pytest.importorskip("open3d")
+    builder, random = WorldBuilder(), np.random.default_rng(2)
+    relief = plain(builder, until=95.0, reflectance=reflectance)
+    for yaw in np.linspace(0.0, 2.0 * np.pi, 70, endpoint=False):
+        away = nearest + random.uniform(0.0, 60.0) * random.random()
+        at = (84.0 + away * np.cos(yaw), -1.6 + away * np.sin(yaw), 0.0)
+        grown = tree(random, random.uniform(5.0, 15.0))
+        builder.add(placed(grown, at=at, yaw=0.0), Label.VEGETATION)
+    found = authenticate.inspect(scan_of(builder, relief), power=False)
+    assert "elevations" not in found.reason
 
 
 def test_gaps_between_rings_on_open_ground_are_no_bands() -> None:

@@ -65,9 +65,9 @@ streets), which chose the limit, the number is at most 93, and in 37 other frame
 most 80. A page of a file that was lost, or filled with zeros, removes 256 rows of a laser."""
 
 MANY_LASERS = 24
-"""Least number of silent lasers from the highest one downwards, or from the lowest one upwards, that
-may be a crop, since only the laser on one side can show it. In the same frames that many lasers are
-silent in at most 16 (22 frames) and 81 (37 frames) successive azimuths."""
+"""Least number of silent lasers from the highest one downwards, or from the lowest one upwards,
+that may be a crop: only the laser on one side of them can show it. In the same frames as many
+neighbouring lasers are silent in at most 16 (22 frames) and 81 (37) successive azimuths."""
 
 BESIDE, STRAIGHT = 20, 0.5
 """Such lasers were cut out only if at least the share STRAIGHT of them has a return within BESIDE
@@ -229,7 +229,7 @@ def _longest_unexplained(
     is_inside = len(beside) == 2
     if not is_inside and last - first + 1 < MANY_LASERS:
         return 0
-    answer = answered[beside].all(axis=0)
+    answer = np.logical_and.reduce(answered[beside], axis=0)
     block = answered[first : last + 1]
     unexplained = (
         run
