@@ -622,6 +622,27 @@ def test_a_log_that_is_gone_is_written_anew(scan: Path, tmp_path: Path) -> None:
     assert {Path(entry["source"]).name for entry in report.read_log(log)} == {"0.bin", "1.bin"}
 
 
+def test_a_log_whose_last_line_is_torn_lacks_its_scan(scan: Path, tmp_path: Path) -> None:
+    """A power cut tears the line of a scan whose row is in the table of the earlier run."""
+    folder, log = tmp_path / "scans", tmp_path / "case.jsonl"
+    folder.mkdir()
+    for number in range(2):
+        (folder / f"{number}.bin").write_bytes(scan.read_bytes()[: 16 * 500])
+    asked = ("inspect", folder, "--table", tmp_path / "table.csv", "--log", log, "--jobs", 1)
+    assert run(*asked).exit_code == 4
+    log.write_bytes(log.read_bytes()[:-20])
+    told = " ".join(run(*asked).stderr.split())
+    assert "has no entry of 1 file from an earlier run; --force judges all again" in told
+    run(*asked, "--force")
+    assert [Path(entry["source"]).name for entry in report.read_log(log)] == [
+        "0.bin", "0.bin", "1.bin",
+    ]  # fmt: skip
+
+    log.write_bytes(log.read_bytes().splitlines(keepends=True)[0][:-20])  # no entry is whole
+    assert "earlier run" not in run(*asked).stderr
+    assert [Path(entry["source"]).name for entry in report.read_log(log)] == ["0.bin", "1.bin"]
+
+
 def test_the_log_has_sources_that_cannot_be_read(scan: Path, tmp_path: Path) -> None:
     folder = tmp_path / "drive" / "velodyne"
     folder.mkdir(parents=True)

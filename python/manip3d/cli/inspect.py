@@ -187,18 +187,16 @@ class SensorKind(StrEnum):
 
 
 def _logged(options: Mapping[str, Any]) -> set[str] | None:
-    """Return the sources of the log's entries; None: there is no log, or it cannot be read yet."""
-    from manip3d import report
+    """Return the sources of the log's entries; None: no log is written."""
+    from manip3d.report._case_log import sources_logged
 
     log: Path | None = options["log"]
     if log is None:
         return None
     try:
-        return {str(entry["source"]) for entry in report.read_log(log)}
+        return sources_logged(log)
     except FileNotFoundError:
         return set()
-    except FormatError:  # an entry was interrupted; the next one repairs the log
-        return None
 
 
 @over_files(

@@ -227,10 +227,26 @@ def read_log(path: str | os.PathLike[str]) -> list[dict[str, Any]]:
     >>> [entry["source"] for entry in report.read_log("cases.jsonl")]
     ['scan.bin']
     """
+    return [entry for entry, _ in _entries(_content(path), _End(), path)]
+
+
+def sources_logged(path: str | os.PathLike[str]) -> set[str]:
+    """Return the sources of a log's entries, without that of an incomplete last line.
+
+    Raises
+    ------
+    FormatError, FileNotFoundError
+        As `read_log`, except that an incomplete last line is ignored.
+    """
+    content = _content(path)
+    whole = content[: len(content) - len(_torn_line(content))]
+    return {str(entry["source"]) for entry, _ in _entries(whole, _End(), path)}
+
+
+def _content(path: str | os.PathLike[str]) -> bytes:
     with open_regular(path_of(path)) as file:
-        fcntl.flock(file, fcntl.LOCK_SH)
-        content = file.read()
-    return [entry for entry, _ in _entries(content, _End(), path)]
+        fcntl.flock(file, fcntl.LOCK_SH)  # so that no line is incomplete while it is written
+        return file.read()
 
 
 @contextmanager
