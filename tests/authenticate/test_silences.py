@@ -56,9 +56,25 @@ def test_lasers_left_out_in_a_wide_sector_are_a_crop(first: int, last: int, degr
     left_out[stray] = False
     found = authenticate.inspect(points[~left_out], power=False)
     assert (found.verdict, [step.kind for step in found.processing]) == ("processed", ["cropped"])
-    assert f" degrees of azimuth, lasers {first} to {last} " in found.reason
-    told = float(found.reason.split()[2])
-    assert told == pytest.approx(degrees, abs=2.0)
+    assert f" (counter-clockwise from x), lasers {first} to {last} (0: the highest)" in found.reason
+    assert azimuths_of(found) == pytest.approx([360 - degrees / 2, degrees / 2], abs=1.5)
+
+
+def azimuths_of(found: authenticate.Inspection) -> list[float]:
+    """Both ends of the sector that a verdict names, degrees."""
+    match = re.search(r"from (\d+) to (\d+) degrees", found.reason)
+    assert match is not None
+    return [float(each) for each in match.groups()]
+
+
+def test_a_sector_is_named_beside_a_missing_laser() -> None:
+    points = street()
+    angles = np.degrees(np.arctan2(points[:, 1], points[:, 0]))
+    left_out = (angles > 45.0) & (angles < 170.0) & lasers_of(points, 5, 40)
+    left_out |= lasers_of(points, 50, 50)
+    found = authenticate.inspect(points[~left_out], power=False)
+    assert azimuths_of(found) == pytest.approx([45.0, 170.0], abs=1.5)
+    assert "lasers: 1 of the 64 lasers has no returns" in found.reason
 
 
 def test_missing_returns_of_a_narrower_sector_are_still_evidence() -> None:
@@ -226,7 +242,8 @@ def test_whole_frames_of_a_drive_have_neither(realdata: RealData, number: int) -
     assert authenticate.inspect(scan, power=False).processing == ()
     wedge = ahead(scan.points, 45) & lasers_of(scan.points, 20, 39)
     found = authenticate.inspect(scan.select(np.flatnonzero(~wedge)), power=False)
-    assert found.reason.startswith("cropped: in 45 degrees of azimuth, lasers 20 to 39 ")
+    assert azimuths_of(found) == pytest.approx([337.5, 22.5], abs=1.5)
+    assert ", lasers 20 to 39 (" in found.reason
     far = ranges(scan.points)
     ring = authenticate.inspect(scan.select(np.flatnonzero(abs(far - 11.0) > 1.0)), power=False)
     assert "cropped: no points from 10.0 to 12.0 m" in ring.reason

@@ -26,7 +26,7 @@ It is 0.77 to 0.95 in whole frames of KITTI, and 0.48 in every second point of a
 
 FEW_RETURNS = "fewer returns from the ground than a whole frame has"
 
-SECTOR = "(0: the highest) have no returns"
+SECTOR = "(0: the highest) have no returns (cut out, or water or a dark surface there)"
 """End of the description of a sector in which some lasers have no returns."""
 
 WHY_MISSING = "left out of the file, or lost by rain, snow, fog or a wet road"
@@ -120,8 +120,10 @@ def thinned_out(
         far = f"returns farther than {FAR_HOLES[0]:g} m are missing one by one everywhere"
         found.append(Processing("thinned", f"{far} ({WHY_MISSING})"))
     if silent := len(_silent_between(firings)):
-        found.append(Processing("lasers", f"{silent} of the {rings} lasers have no returns"))
-    if whole and not found and (silence := _longest_silence(firings, lattice)) is not None:
+        have = "has" if silent == 1 else "have"
+        found.append(Processing("lasers", f"{silent} of the {rings} lasers {have} no returns"))
+    is_thin = any(step.kind == "thinned" for step in found)
+    if whole and not is_thin and (silence := _longest_silence(firings, lattice)) is not None:
         found.append(silence.processing())
     return found
 
@@ -161,6 +163,7 @@ class _Silence(NamedTuple):
 
     first: int  # the highest laser
     last: int  # the lowest laser
+    start: int  # azimuth at which the silence begins
     azimuths: int
     turn: int  # number of azimuths of the whole turn
 
@@ -173,9 +176,10 @@ class _Silence(NamedTuple):
             lost = self.azimuths
             detail = f"a laser between two that answer has no return in {lost} firings in a row"
             return Processing("thinned", detail)
-        degrees = 360.0 * self.azimuths / self.turn
-        lasers = f"in {degrees:.0f} degrees of azimuth, lasers {self.first} to {self.last}"
-        return Processing("cropped", f"{lasers} {SECTOR}")
+        ends = (360.0 * each / self.turn for each in (self.start, self.start + self.azimuths))
+        begin, end = (round(each) % 360 for each in ends)
+        where = f"from {begin} to {end} degrees of azimuth (counter-clockwise from x)"
+        return Processing("cropped", f"{where}, lasers {self.first} to {self.last} {SECTOR}")
 
 
 def _longest_silence(firings: Firings, lattice: SensorLattice) -> _Silence | None:
@@ -195,8 +199,10 @@ def _longest_silence(firings: Firings, lattice: SensorLattice) -> _Silence | Non
             silent &= ~answered[last]
             if not (runs := _long_runs(silent)):
                 break  # nor are more lasers silent for longer
-            if azimuths := _longest_unexplained(answered, (first, last), runs):
-                found.append(_Silence(int(heard[first]), int(heard[last]), azimuths, len(silent)))
+            run = max(_unexplained(answered, (first, last), runs), key=len, default=None)
+            if run is not None:
+                lasers = int(heard[first]), int(heard[last])
+                found.append(_Silence(*lasers, int(run[0]), len(run), len(silent)))
     return max(found, key=lambda silence: silence.firings, default=None)
 
 
@@ -220,24 +226,23 @@ def _have_long_silences(answered: NDArray[np.bool_]) -> NDArray[np.bool_]:
     return found
 
 
-def _longest_unexplained(
+def _unexplained(
     answered: NDArray[np.bool_], lasers: tuple[int, int], runs: Sequence[NDArray[np.intp]]
-) -> int:
-    """Number of azimuths of the longest silence of lasers that no whole frame has; 0: none."""
+) -> list[NDArray[np.intp]]:
+    """The silences of lasers, among runs of azimuths, that no whole frame has."""
     first, last = lasers
     beside = [laser for laser in (first - 1, last + 1) if 0 <= laser < len(answered)]
     is_inside = len(beside) == 2
     if not is_inside and last - first + 1 < MANY_LASERS:
-        return 0
+        return []
     answer = np.logical_and.reduce(answered[beside], axis=0)
     block = answered[first : last + 1]
-    unexplained = (
+    return [
         run
         for run in runs
         if np.count_nonzero(answer[run]) > MAX_SILENT
         and (is_inside or _has_straight_sides(block, run))
-    )
-    return max((len(run) for run in unexplained), default=0)
+    ]
 
 
 def _has_straight_sides(answered: NDArray[np.bool_], run: NDArray[np.intp]) -> bool:
