@@ -55,7 +55,7 @@ def test_lasers_left_out_in_a_wide_sector_are_a_crop(first: int, last: int, degr
     stray = np.flatnonzero(left_out)[300]  # one return does not split the silence
     left_out[stray] = False
     found = authenticate.inspect(points[~left_out], power=False)
-    assert (found.verdict, [step.kind for step in found.processing]) == ("processed", ["cropped"])
+    assert (found.verdict, [step.kind for step in found.processing]) == ("processed", ["sector"])
     assert f" (counter-clockwise from x), lasers {first} to {last} (0: the highest)" in found.reason
     assert azimuths_of(found) == pytest.approx([360 - degrees / 2, degrees / 2], abs=1.5)
 
@@ -83,7 +83,7 @@ def test_missing_returns_of_a_narrower_sector_are_still_evidence() -> None:
     left_out = ahead(points, 36) & lasers_of(points, 20, 45)
     found = authenticate.inspect(points[~left_out], power=False)
     assert (found.verdict, found.all_accusing[0].name) == ("tampered", "generic")
-    assert [step.kind for step in found.processing] == ["cropped"]
+    assert [step.kind for step in found.processing] == ["sector"]
 
 
 def test_turns_beside_a_silent_sector_are_still_compared() -> None:
@@ -98,7 +98,7 @@ def test_turns_beside_a_silent_sector_are_still_compared() -> None:
     )  # fmt: skip
     assert found.turns is not None
     kinds = {step.kind for step in found.processing}
-    assert "cropped" in kinds
+    assert "sector" in kinds
     assert "foreign" not in kinds
 
 

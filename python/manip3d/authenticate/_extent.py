@@ -22,7 +22,6 @@ from manip3d.authenticate._sensors import is_unit_of_kitti
 from manip3d.authenticate._silences import (
     FEW_RETURNS,
     highest_are_silent,
-    is_silent_sector,
     silent_at_the_ends,
     single_holes_near,
     thinned_out,
@@ -277,7 +276,7 @@ def _with_bands(
     bands = empty_bands(points, distance, firings, elevations=not are_lasers_missing)
     if not bands:
         return thinned
-    return bands + [step for step in thinned if not is_silent_sector(step)]
+    return bands + [step for step in thinned if step.kind != "sector"]
 
 
 def _cuts_far_away(

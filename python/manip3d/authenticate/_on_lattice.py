@@ -45,11 +45,7 @@ from manip3d.authenticate._reports import (
     turns_report,
 )
 from manip3d.authenticate._sensors import HDL64E, Sensor
-from manip3d.authenticate._silences import (
-    is_silent_sector,
-    lacks_neighbouring_lasers,
-    silent_lasers,
-)
+from manip3d.authenticate._silences import lacks_neighbouring_lasers, silent_lasers
 from manip3d.authenticate._standpoint import Identified, at_origin
 from manip3d.authenticate._turns import (
     FARTHEST,
@@ -222,17 +218,13 @@ def _processing_of_points(
 
 def _changed(processing: Sequence[Processing]) -> list[Processing]:
     """Steps of processing that removed or moved points, except in a sector of some lasers."""
-    return [
-        step
-        for step in processing
-        if step.kind not in COORDINATES_KEPT and not is_silent_sector(step)
-    ]
+    return [step for step in processing if step.kind not in (*COORDINATES_KEPT, "sector")]
 
 
 def _are_comparable(sensor: Sensor, processing: Sequence[Processing]) -> bool:
     """Whether detectors IV and V know the scanner, and can judge the scan after its processing."""
     return sensor.name == HDL64E and all(
-        step.kind in STILL_COMPARED or is_silent_sector(step) for step in processing
+        step.kind in (*STILL_COMPARED, "sector") for step in processing
     )
 
 
@@ -263,7 +255,7 @@ def _compared(
         if not are_in_place:
             compared, why_not = (None, None), [*why_not, *lacking]
     turns, reflectance = _beside_turns(centred, case.identified, compared, lacking, case.threads)
-    is_whole = not any(is_silent_sector(step) for step in processing)
+    is_whole = not any(step.kind == "sector" for step in processing)
     if turns is not None and turns.foreign and is_whole:
         of_turns += (Processing("foreign", FOREIGN),)
     reflectance = _unless_foreign(reflectance, processing)
@@ -288,7 +280,7 @@ def _lacks_lasers(
     centred: LidarFrame, identified: Identified, processing: Sequence[Processing]
 ) -> bool:
     """Whether several lasers in a row are missing between others, everywhere or in a sector."""
-    if any(is_silent_sector(step) for step in processing):
+    if any(step.kind == "sector" for step in processing):
         return True
     sensor, reading = identified
     if sensor.lattice is None or not any(step.kind == "lasers" for step in processing):

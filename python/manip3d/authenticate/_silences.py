@@ -26,11 +26,11 @@ It is 0.77 to 0.95 in whole frames of KITTI, and 0.48 in every second point of a
 
 FEW_RETURNS = "fewer returns from the ground than a whole frame has"
 
-SECTOR = "(0: the highest) have no returns (cut out, or water or a dark surface there)"
-"""End of the description of a sector in which some lasers have no returns."""
-
 WHY_MISSING = "left out of the file, or lost by rain, snow, fog or a wet road"
 """Reasons for single missing returns; the scan does not show which of them it is."""
+
+WHY_SILENT = "cut out, or water or a dark surface there"
+"""Reasons for lasers without returns in a sector."""
 
 MAX_SINGLE_HOLES, SAME_RANGE, NEAR_HOLES = 0.0034, 0.005, 15.0
 """Points were left out at random if more than the share MAX_SINGLE_HOLES of the firings of the
@@ -146,18 +146,6 @@ def _lower_half(rings: int) -> slice:
     return slice(rings // 2, (7 * rings) // 8)
 
 
-def is_silent_sector(step: Processing) -> bool:
-    """Return whether a step of processing is a sector in which only some lasers have no returns.
-
-    All other returns are as they were measured, so that detectors judge them.
-
-    Parameters
-    ----------
-    step : Processing
-    """
-    return step.kind == "cropped" and step.detail.endswith(SECTOR)
-
-
 class _Silence(NamedTuple):
     """Successive azimuths in which neighbouring lasers have no return."""
 
@@ -179,7 +167,8 @@ class _Silence(NamedTuple):
         ends = (360.0 * each / self.turn for each in (self.start, self.start + self.azimuths))
         begin, end = (round(each) % 360 for each in ends)
         where = f"from {begin} to {end} degrees of azimuth (counter-clockwise from x)"
-        return Processing("cropped", f"{where}, lasers {self.first} to {self.last} {SECTOR}")
+        lasers = f"lasers {self.first} to {self.last} (0: the highest) have no returns"
+        return Processing("sector", f"{where}, {lasers} ({WHY_SILENT})")
 
 
 def _longest_silence(firings: Firings, lattice: SensorLattice) -> _Silence | None:

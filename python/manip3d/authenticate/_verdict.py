@@ -379,15 +379,15 @@ class Processing:
     ----------
     kind : str
         ``shuffled``, ``regrouped`` (some points are at another place in the file than the scanner
-        writes them), ``reversed``, ``mirrored``, ``rounded``, ``float16``, ``cropped``,
-        ``thinned``, ``lasers`` (some lasers are missing), ``filtered``, ``outliers`` (isolated
-        points were removed), ``turned``, ``scaled``, ``moved``, ``averaged`` (the points of each
-        voxel were replaced by their mean), ``fused``, ``repeated``, ``padded`` (rows that are no
-        returns), ``reflectances``, ``echoes`` (the scan has later echoes of pulses without their
-        numbers), ``neighbours`` (points are missing from a neighbouring turn, so that points
-        missing from the scan may go unnoticed) or ``foreign`` (the neighbouring turns show one
-        place, the scan another one). Recordings of depth can also be ``resampled`` and ``lossily
-        coded``. Kinds of drives: see `DriveInspection`.
+        writes them), ``reversed``, ``mirrored``, ``rounded``, ``float16``, ``cropped``, ``sector``
+        (some lasers have no returns in a sector), ``thinned``, ``lasers`` (some lasers are
+        missing), ``filtered``, ``outliers`` (isolated points were removed), ``turned``, ``scaled``,
+        ``moved``, ``averaged`` (the points of each voxel were replaced by their mean), ``fused``,
+        ``repeated``, ``padded`` (rows that are no returns), ``reflectances``, ``echoes`` (the scan
+        has later echoes of pulses without their numbers), ``neighbours`` (points are missing from a
+        neighbouring turn, so that points missing from the scan may go unnoticed) or ``foreign``
+        (the neighbouring turns show one place, the scan another one). Recordings of depth can also
+        be ``resampled`` and ``lossily coded``. Kinds of drives: see `DriveInspection`.
     detail : str
         Description with numbers.
     """
