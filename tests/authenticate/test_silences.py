@@ -77,6 +77,16 @@ def test_a_sector_is_named_beside_a_missing_laser() -> None:
     assert "lasers: 1 of the 64 lasers has no returns" in found.reason
 
 
+@pytest.mark.parametrize("behind", [(30, 50), (10, 25)])
+def test_the_largest_of_several_sectors_is_named(behind: tuple[int, int]) -> None:
+    points = street()
+    left_out = ahead(points, 60) & lasers_of(points, 20, 35)
+    left_out |= ~ahead(points, 270) & lasers_of(points, *behind)
+    found = authenticate.inspect(points[~left_out], power=False)
+    assert f", lasers {behind[0]} to {behind[1]} (" in found.reason
+    assert azimuths_of(found) == pytest.approx([135.0, 225.0], abs=1.5)
+
+
 def test_missing_returns_of_a_narrower_sector_are_still_evidence() -> None:
     """A sector of some lasers leaves the rest of a scan as it was, and so all detectors judge."""
     points = street()

@@ -181,18 +181,26 @@ def _longest_silence(firings: Firings, lattice: SensorLattice) -> _Silence | Non
         return None
     answered = _by_azimuth(firings.answered[heard], lattice.azimuth[heard])
     are_silent = [*_have_long_silences(answered), False]
-    found = []
+    longest: _Silence | None = None
     for first in np.flatnonzero(are_silent).tolist():
+        end = are_silent.index(False, first)
+        lasers = int(heard[end - 1] - heard[first]) + 1
         silent = np.ones(answered.shape[1], np.bool_)
-        for last in range(first, are_silent.index(False, first)):
+        for last in range(first, end):
             silent &= ~answered[last]
-            if not (runs := _long_runs(silent)):
-                break  # nor are more lasers silent for longer
+            runs = _long_runs(silent)
+            # Firings of this silence if all the lasers below were silent in it, too
+            most = lasers * max(map(len, runs), default=0)
+            if most <= (longest.firings if longest else 0):
+                break
             run = max(_unexplained(answered, (first, last), runs), key=len, default=None)
-            if run is not None:
-                lasers = int(heard[first]), int(heard[last])
-                found.append(_Silence(*lasers, int(run[0]), len(run), len(silent)))
-    return max(found, key=lambda silence: silence.firings, default=None)
+            if run is None:
+                continue
+            ends = int(heard[first]), int(heard[last])
+            found = _Silence(*ends, int(run[0]), len(run), len(silent))
+            if longest is None or found.firings > longest.firings:
+                longest = found
+    return longest
 
 
 def _by_azimuth(answered: NDArray[np.bool_], azimuth: NDArray[np.float64]) -> NDArray[np.bool_]:
@@ -207,7 +215,11 @@ def _by_azimuth(answered: NDArray[np.bool_], azimuth: NDArray[np.float64]) -> ND
 
 
 def _have_long_silences(answered: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Which lasers have no return in more than `MAX_SILENT` successive azimuths."""
+    """Which lasers have no return in more than `MAX_SILENT` successive azimuths.
+
+    The runs of `_long_runs` would tell it, too, but most scans are whole, and need no more than
+    this answer for all lasers at once.
+    """
     around = np.pad(answered, ((0, 0), (1, MAX_SILENT)), mode="wrap")
     until = np.cumsum(around, axis=1, dtype=np.int32)
     returns = until[:, MAX_SILENT + 1 :] - until[:, : -MAX_SILENT - 1]
