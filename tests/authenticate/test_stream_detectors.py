@@ -1238,6 +1238,14 @@ def test_a_blank_frame_hides_no_repetition(blank: int) -> None:
     assert "all frames are the same" in found.reason
 
 
+def test_depths_of_which_none_is_measured_in_all_frames_are_no_repetition() -> None:
+    frames = stream()
+    for number, frame in enumerate(frames):
+        frame.depth[:, number :: len(frames)] = 0
+    found = repetition_of(authenticate.inspect_stream(frames))
+    assert (found.verdict, found.score) == ("no_trace", 0.0)
+
+
 def test_one_pair_of_numbers_that_follow_each_other_is_too_few() -> None:
     numbers = (0, 2, 4, 6, 8, 10, 11, 13, 15, 17, 19, 21)
     frames = [replace(f, number=n) for f, n in zip(stream(soft=False), numbers, strict=True)]

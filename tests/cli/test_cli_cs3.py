@@ -829,7 +829,7 @@ def test_wrong_maps_are_one_line(frame: Path, tmp_path: Path) -> None:
         ),
         (
             ("--confidence", shares, "--confidence-max", "2"),
-            "--confidence-max: expected whole numbers from 0 to 2, got 1.5",
+            "--confidence: expected whole numbers from 0 to 2, got 1.5",
         ),
         (
             ("--confidence", wide),
@@ -840,7 +840,7 @@ def test_wrong_maps_are_one_line(frame: Path, tmp_path: Path) -> None:
         (("--mask", frame.with_name("none.png")), "none.png"),
         (
             ("--confidence", levels, "--confidence-max", "2"),
-            "--confidence-max: expected whole numbers from 0 to 2, got 7",
+            "--confidence: expected whole numbers from 0 to 2, got 7",
         ),
         (("--confidence-max", "2"), "--confidence-max: can only be given with confidence"),
         (

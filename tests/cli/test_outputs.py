@@ -35,6 +35,16 @@ def test_files_of_others_are_told_before_force_is_offered(tmp_path: Path) -> Non
         check_place(place, force=None, option="KEY")
 
 
+@pytest.mark.parametrize("force", [(), ("--force",)])
+def test_a_folder_in_the_place_of_a_file_is_told_and_no_force_offered(
+    force: tuple[str, ...], tmp_path: Path
+) -> None:
+    (tmp_path / "a.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    (place := tmp_path / "folder.ply").mkdir()
+    done = manip3d("simplify", tmp_path / "a.obj", "--ratio", "0.5", "-o", place, *force)
+    assert f"-o {place}: expected the name of a file, got a folder" in error_line(done)
+
+
 @pytest.mark.parametrize(
     "words",
     [

@@ -433,8 +433,8 @@ def test_what_would_not_open_is_no_rescue(kept: Path, tmp_path: Path) -> None:
     for place in (tmp_path / "pipe", tmp_path):
         with pytest.raises(InputError, match="output: expected the name of a regular file"):
             rescue_diary(kept, place, overwrite=True)
-    done = manip3d("diary", "rescue", kept, "-o", tmp_path / "pipe", "--force")
-    assert "-o: expected the name of a regular file, got " in error_line(done)
+        done = manip3d("diary", "rescue", kept, "-o", place, "--force")
+        assert f"-o {place}: exists already; give another name" in error_line(done)
     assert (tmp_path / "pipe").is_fifo()
 
 

@@ -61,7 +61,7 @@ def judge_repetition(frames: Sequence[RgbdFrame]) -> tuple[StreamReport, Mask]:
     frozen = looked_at & (_by_region(changed) == 0)
     is_background = frozen.sum() >= _MIN_REGIONS and frozen.sum() >= 0.05 * looked_at.sum()
     small = _count_small_frozen(depth, changed, always & _is_noisy(pairs, depth))
-    share = float((always & ~changed).sum() / always.sum())
+    share = float((always & ~changed).sum() / max(1, always.sum()))
     if not is_background and small < _MIN_SMALL_REGIONS:
         return _repeated_frames(frames, share), nothing
     # No evidence of an edit by itself: codecs and temporal filters repeat depths that hardly

@@ -726,7 +726,7 @@ def rescue(
     """
     from manip3d.diary import rescue_diary
 
-    check_place(output, force=force)
+    check_place(output, force=force if output.is_file() else None)  # a file alone is replaced
     with naming_options("key", "output"):
         found = rescue_diary(path, output, key=key, overwrite=force)
     shell = Terminal(as_json=as_json, quiet=quiet)

@@ -302,6 +302,8 @@ def check_output(
         raise InputError(f"{option} {path}: expected {', or '.join(names)}")
     if is_folder:
         check_folder(path, option=option)
+    elif path.is_dir():
+        raise InputError(f"{option} {path}: expected the name of a file, got a folder")
     is_ours = is_ours if is_folder else None
     check_place(path, force=force, is_ours=is_ours, in_place=in_place, option=option)
 

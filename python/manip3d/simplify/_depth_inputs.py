@@ -116,7 +116,7 @@ def _confidence(path: Path, shape: tuple[int, ...], highest: int | None) -> NDAr
             f"confidence_max: expected the highest level, as the file has {found.dtype} up to "
             f"{np.nanmax(found):g}, got none"
         )
-    return shares_of_levels(found, highest, "confidence_max")
+    return shares_of_levels(found, highest, "confidence")
 
 
 _CAMERAS_BESIDE = (
