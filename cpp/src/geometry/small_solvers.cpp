@@ -28,7 +28,8 @@ Eigen::Matrix<double, 6, 6> invert_symmetric(const Eigen::Matrix<double, 6, 6>& 
   return a.ldlt().solve(Eigen::Matrix<double, 6, 6>::Identity());
 }
 
-LeastSquares least_squares(const Eigen::MatrixXd& a, const Eigen::VectorXd& b, double precision) {
+LeastSquaresFit least_squares(const Eigen::MatrixXd& a, const Eigen::VectorXd& b,
+                              double precision) {
   Eigen::ColPivHouseholderQR<Eigen::MatrixXd> qr(a.rows(), a.cols());
   qr.setThreshold(precision);
   qr.compute(a);

@@ -23,12 +23,12 @@ Eigen::Vector<double, 6> solve_symmetric(const Eigen::Matrix<double, 6, 6>& a,
 /// Return the inverse of A by LDL^T; only the lower triangle of A is read.
 Eigen::Matrix<double, 6, 6> invert_symmetric(const Eigen::Matrix<double, 6, 6>& a);
 
-struct LeastSquares {
+struct LeastSquaresFit {
   Eigen::VectorXd solution;
   Eigen::Index rank;  ///< Below the number of columns, other solutions are as good.
 };
 /// The x with the smallest |A x - b|, by QR with column pivoting.
 /// @param precision  Pivots below this share of the largest count as 0.
-LeastSquares least_squares(const Eigen::MatrixXd& a, const Eigen::VectorXd& b, double precision);
+LeastSquaresFit least_squares(const Eigen::MatrixXd& a, const Eigen::VectorXd& b, double precision);
 
 }  // namespace manip3d

@@ -73,7 +73,7 @@ Ratio fit_ratio(const Eigen::MatrixX3d& points, const Eigen::VectorXd& values) {
     system << points, Eigen::VectorXd::Ones(n),
         (points.array().colwise() * -values.array()).matrix();
     system.array().colwise() *= weight.array();
-    const LeastSquares fit = least_squares(system, values.cwiseProduct(weight), kFloatPrecision);
+    const LeastSquaresFit fit = least_squares(system, values.cwiseProduct(weight), kFloatPrecision);
     if (fit.rank < 7) {
       throw InputError("points: expected a scan that fixes its lines of sight, got a plane");
     }
