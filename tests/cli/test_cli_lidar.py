@@ -599,14 +599,20 @@ def test_several_scans_share_a_log(scan: Path, tmp_path: Path) -> None:
     }  # fmt: skip
 
 
-def test_a_log_that_is_gone_is_written_anew(scan: Path, tmp_path: Path) -> None:
-    """Rows of the earlier run were printed, and the log was not written at all."""
-    folder, log = tmp_path / "scans", tmp_path / "case.jsonl"
+def inspected_with_log(scan: Path, place: Path) -> tuple[Path, Path, tuple[object, ...]]:
+    """Inspect two scans; return their folder, the log, and the words of the command."""
+    folder, log = place / "scans", place / "case.jsonl"
     folder.mkdir()
     for number in range(2):
         (folder / f"{number}.bin").write_bytes(scan.read_bytes()[: 16 * 500])
-    asked = ("inspect", folder, "--table", tmp_path / "table.csv", "--log", log, "--jobs", 1)
+    asked = ("inspect", folder, "--table", place / "table.csv", "--log", log, "--jobs", 1)
     assert run(*asked).exit_code == 4
+    return folder, log, asked
+
+
+def test_a_log_that_is_gone_is_written_anew(scan: Path, tmp_path: Path) -> None:
+    """Rows of the earlier run were printed, and the log was not written at all."""
+    folder, log, asked = inspected_with_log(scan, tmp_path)
     log.unlink()
     assert "earlier run" not in run(*asked).stderr
     assert [Path(entry["source"]).name for entry in report.read_log(log)] == ["0.bin", "1.bin"]
@@ -624,12 +630,7 @@ def test_a_log_that_is_gone_is_written_anew(scan: Path, tmp_path: Path) -> None:
 
 def test_a_log_whose_last_line_is_torn_lacks_its_scan(scan: Path, tmp_path: Path) -> None:
     """A power cut tears the line of a scan whose row is in the table of the earlier run."""
-    folder, log = tmp_path / "scans", tmp_path / "case.jsonl"
-    folder.mkdir()
-    for number in range(2):
-        (folder / f"{number}.bin").write_bytes(scan.read_bytes()[: 16 * 500])
-    asked = ("inspect", folder, "--table", tmp_path / "table.csv", "--log", log, "--jobs", 1)
-    assert run(*asked).exit_code == 4
+    _, log, asked = inspected_with_log(scan, tmp_path)
     log.write_bytes(log.read_bytes()[:-20])
     told = " ".join(run(*asked).stderr.split())
     assert "has no entry of 1 file from an earlier run; --force judges all again" in told
