@@ -38,6 +38,7 @@ from manip3d.authenticate._lattice_steps import first_encoders, off_the_steps
 from manip3d.authenticate._power import (
     BLIND_ALONG_RAYS,
     BLIND_COPIED,
+    BLIND_CUT_ELSEWHERE,
     BLIND_TURNED,
     BLIND_TURNED_ANYHOW,
     BLIND_WHOLE_STEPS,
@@ -836,7 +837,7 @@ def test_a_calibrated_lattice_needs_no_range_steps() -> None:
     assert clean.sensor.reason == (
         "its points stand on 32 lines, 3600 steps of azimuth, and ranges have no steps"
     )
-    assert {BLIND_ALONG_RAYS, BLIND_COPIED} < set(clean.blind)
+    assert {BLIND_ALONG_RAYS, BLIND_COPIED, BLIND_CUT_ELSEWHERE} < set(clean.blind)
     assert not {BLIND_TURNED, BLIND_WHOLE_STEPS} & set(clean.blind)
     post = np.flatnonzero(on_post(another.points))
     points = another.points.copy()

@@ -15,6 +15,7 @@ import turn_scans
 from manip3d import authenticate, simulate
 from manip3d.authenticate._empty_bands import empty_bands
 from manip3d.authenticate._firings import firings_of
+from manip3d.authenticate._power import BLIND_CUT
 from manip3d.authenticate._sensors import kitti_lattice
 from manip3d.io import read_scan
 from manip3d.lidar import LidarFrame
@@ -166,6 +167,14 @@ def test_a_band_that_was_cut_out_all_around_is_named(
 def test_a_whole_street_has_no_bands_and_no_silent_sectors() -> None:
     found = authenticate.inspect(street(), power=False)
     assert (found.verdict, found.processing) == ("no_trace", ())
+
+
+def test_a_cut_that_is_not_found_is_stated_as_such() -> None:
+    points = street()
+    z = heights(points)
+    found = authenticate.inspect(points[(z < 0.4) | (z > 0.8)], power=False)
+    assert (found.verdict, found.processing) == ("no_trace", ())
+    assert BLIND_CUT in found.blind
 
 
 STONE = Surface((0.6, 0.6, 0.6), 0.5)

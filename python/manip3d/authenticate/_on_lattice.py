@@ -20,6 +20,8 @@ from manip3d.authenticate._power import (
     BLIND,
     BLIND_ALONG_RAYS,
     BLIND_COPIED,
+    BLIND_CUT,
+    BLIND_CUT_ELSEWHERE,
     BLIND_TURNED,
     BLIND_TURNED_ANYHOW,
     BLIND_WHOLE_STEPS,
@@ -187,6 +189,7 @@ def _blind(sensor: Sensor, reports: Sequence[DetectorReport]) -> tuple[str, ...]
         blind.append(BLIND_WITHOUT_TURNS)
     if sensor.lattice is not None:
         blind += _blind_on(sensor.lattice)
+        blind.append(BLIND_CUT if sensor.name == HDL64E else BLIND_CUT_ELSEWHERE)
     judged = ("no_trace", "tampered")
     if not any(report.name == "reflectance" and report.verdict in judged for report in reports):
         blind.append(BLIND_WITHOUT_REFLECTANCES)

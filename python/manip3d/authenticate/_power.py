@@ -94,6 +94,19 @@ BLIND_WHOLE_STEPS = "points moved along their rays by whole range steps"
 """A further blind class in exact clouds whose ranges have steps: coordinates are not rounded a
 second time, so that moved points stand on the range steps, too."""
 
+BLIND_CUT = (
+    "fewer than 24 of the highest or of the lowest lasers silenced in a sector wider than 43 "
+    "degrees; points cut out by their height above the scanner"
+)
+"""A further blind class in scans of an HDL-64E: beside the sky and beside the blind spot under the
+scanner, no neighbouring lasers should answer."""
+
+BLIND_CUT_ELSEWHERE = (
+    "some lasers silenced in a sector; points cut out by their range, height or elevation: both "
+    "are looked for in scans of an HDL-64E only"
+)
+"""A further blind class in scans of other scanners whose lattice is known."""
+
 BLIND_TERRESTRIAL = "points removed, cropped or moved together: only what was added is looked for"
 """A further blind class in scans that detectors I and II judge."""
 
