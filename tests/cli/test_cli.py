@@ -833,9 +833,15 @@ def test_many_meshes_are_counted_converted_and_compared(torus: Path, tmp_path: P
     records = json.loads(done.stdout)
     assert [record["original"] for record in records] == [f"{source}/a.ply", f"{source}/b.obj"]
     assert all(record["metro"]["vertex"]["forward"]["max"] < 1e-6 for record in records)
-    (source / "b.obj").unlink()
+    (source / "b.obj").rename(source / "A.obj")
+    (tmp_path / "glb" / "b.glb").rename(tmp_path / "glb" / "A.glb")  # differs from a.glb in case
+    done = manip3d("compare", source, tmp_path / "glb", "--json", "--jobs", "1")
+    assert {record["original"] for record in json.loads(done.stdout)} == {
+        f"{source}/a.ply", f"{source}/A.obj",
+    }  # fmt: skip
+    (source / "A.obj").rename(source / "a.off")
     done = manip3d("compare", source, tmp_path / "glb", "--jobs", "1")
-    assert "expected one original of" in error_line(done)
+    assert f"found {source}/a.off and {source}/a.ply" in error_line(done)
 
 
 def test_a_url_is_a_source_and_an_output(torus: Path, tmp_path: Path) -> None:

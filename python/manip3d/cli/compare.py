@@ -17,6 +17,8 @@ from manip3d.errors import InputError
 from manip3d.io import READABLE
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from rich.console import Console
 
     from manip3d.batch import SourceFile
@@ -34,23 +36,39 @@ def _originals(files: list[SourceFile], options: dict[str, Any]) -> dict[str, di
     original = options.pop("original")
     if not is_folder(original):
         return {file.name: {"original": original} for file in files}
+    known = find_files(original, suffixes=READABLE)
+    exact, folded = _by_name(known, str), _by_name(known, str.lower)
+    chosen = {}
+    for file in files:
+        stem = _stem(_plain(file.relative))
+        named = exact.get(stem) or folded.get(stem.lower(), [])
+        if len(named) != 1:
+            found = " and ".join(named[:2]) or "none"
+            raise InputError(
+                f"{original}: expected one original of {file.name}, by its name; found {found}"
+            )
+        chosen[file.name] = {"original": named[0]}
+    return chosen
+
+
+def _by_name(files: list[SourceFile], case: Callable[[str], str]) -> dict[str, list[str]]:
+    """The files by their names with and without the suffix, in the given case."""
     known: dict[str, list[str]] = {}
-    for file in find_files(original, suffixes=READABLE):
-        for name in (_stem(file.relative), _plain(file.relative)):
-            known.setdefault(name, []).append(file.name)
-    wrong = [file.name for file in files if len(known.get(_stem(file.relative), ())) != 1]
-    if wrong:
-        raise InputError(f"{original}: expected one original of {wrong[0]}, by its name")
-    return {file.name: {"original": known[_stem(file.relative)][0]} for file in files}
+    for file in files:
+        name = case(_plain(file.relative))
+        for one in (name, _stem(name)):
+            known.setdefault(one, []).append(file.name)
+    return known
 
 
 def _stem(relative: str) -> str:
-    name = _plain(relative)
-    return name.removesuffix(PurePosixPath(name).suffix)
+    return relative.removesuffix(PurePosixPath(relative).suffix)
 
 
 def _plain(relative: str) -> str:
-    return relative.lower().removesuffix(".xz").removesuffix(".gz")
+    """The name without the suffix of a compressed file."""
+    packed = PurePosixPath(relative).suffix.lower() in (".xz", ".gz")
+    return _stem(relative) if packed else relative
 
 
 @over_files(lambda: READABLE, argument="simplified", prepare=_originals)

@@ -28,6 +28,7 @@ _MODES_WITH: dict[str, tuple[Mode, ...]] = {
     "importance": ("quality",),
     "memory": ("quality", "fast"),
     "color_weight": ("quality", "fast"),
+    "threads": ("fast",),
 }
 
 
@@ -49,6 +50,7 @@ def simplify(
     importance: ArrayLike | None = None,
     memory: int | None = None,
     color_weight: float | None = None,
+    threads: int | None = None,
     progress: Progress = None,
 ) -> QualityResult | SimplifyResult:
     """Simplify a mesh by edge collapses, to a number of faces or within an error.
@@ -87,6 +89,8 @@ def simplify(
     color_weight : float, optional
         Weight of errors of vertex colours relative to those of the shape; for ``mode='quality'``
         and ``mode='fast'``, whose default is 0.01: the shape has priority.
+    threads : int, optional
+        Number of threads, for ``mode='fast'``; 0, the default: ``MANIP3D_THREADS``, else all cores.
     progress : None, True or callable
         ``True`` shows a bar; a callable gets ``(fraction, message)``, at most ten times a second.
 
@@ -125,6 +129,7 @@ def simplify(
         "importance": importance,
         "memory": memory,
         "color_weight": color_weight,
+        "threads": threads,
     }
     for name, value in more.items():
         if value is None:
