@@ -10,14 +10,17 @@ ffmpeg=$PWD/build/ffmpeg/install
 .ci/build_ffmpeg.sh
 rm -rf dist "$raw"
 "$bin/python" -m build --no-isolation --sdist --outdir dist . >/dev/null
-CMAKE_PREFIX_PATH=$ffmpeg "$bin/pip" wheel --quiet --no-deps --no-build-isolation --wheel-dir "$raw" \
+# Unpacked at one place, so that a compiler cache knows the files again.
+rm -rf build/sdist && mkdir -p build/sdist
+tar -xzf dist/*.tar.gz -C build/sdist --strip-components=1
+CCACHE_BASEDIR=${CCACHE_BASEDIR:-$PWD} CMAKE_PREFIX_PATH=$ffmpeg "$bin/pip" wheel --quiet --no-deps --no-build-isolation --wheel-dir "$raw" \
   --config-settings=cmake.define.MANIP3D_FFMPEG=ON \
   --config-settings=cmake.define.MANIP3D_LICENSES="$ffmpeg/COPYING.LGPLv2.1.FFmpeg;$ffmpeg/NOTICE.FFmpeg" \
   --config-settings=cmake.define.SODIUM_LIBRARY="$(g++ -print-file-name=libsodium.a)" \
   --config-settings=cmake.define.MANIP3D_OPENNI2=OFF \
   --config-settings=cmake.define.MANIP3D_FREENECT2=OFF \
   --config-settings=cmake.define.MANIP3D_REALSENSE=OFF \
-  --config-settings=cmake.define.MANIP3D_ORBBEC=OFF dist/*.tar.gz
+  --config-settings=cmake.define.MANIP3D_ORBBEC=OFF build/sdist
 LD_LIBRARY_PATH=$ffmpeg/lib PATH="$PWD/$bin:$PATH" \
   "$bin/auditwheel" repair --wheel-dir dist "$raw"/*.whl
 

@@ -39,6 +39,12 @@ def test_several_extras_are_asked_for_at_once(monkeypatch: pytest.MonkeyPatch) -
         require("video", "simulate")
 
 
+def test_an_extra_that_no_package_serves_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("sys.version_info", (3, 13, 0))
+    assert "with Python 3.11 or 3.12" in str(MissingExtraError("mediapipe", "pose"))
+    assert "3.12" not in str(MissingExtraError("pyvista", "viz"))
+
+
 def test_a_package_whose_system_library_is_missing_is_not_called_absent(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

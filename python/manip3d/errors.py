@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import sys
 from typing import Any, ClassVar
 
 _HALVES = re.compile("[\ud800-\udc7f\udd00-\udfff]")
@@ -134,6 +135,14 @@ class RenderError(Error, RuntimeError):
     code = "render"
 
 
+def way_to_install(extra: str) -> str:
+    """Words of messages on how to install one or several extras, between commas."""
+    way = f"pip install 'manip3d[{extra}]'"
+    if "pose" in extra.split(",") and sys.version_info >= (3, 13):
+        way += " with Python 3.11 or 3.12, because MediaPipe has no package for later ones"
+    return way
+
+
 class MissingExtraError(Error, ImportError):
     """An optional dependency is not installed. The message states how to install it."""
 
@@ -141,7 +150,7 @@ class MissingExtraError(Error, ImportError):
 
     def __init__(self, package: str, extra: str) -> None:
         verb = "are" if "," in package else "is"
-        super().__init__(f"{package} {verb} needed here: pip install 'manip3d[{extra}]'")
+        super().__init__(f"{package} {verb} needed here: {way_to_install(extra)}")
         self.package = package
         self.extra = extra
 

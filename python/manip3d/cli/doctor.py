@@ -14,7 +14,7 @@ import typer
 from manip3d._util.extras import DISTRIBUTIONS, EXTRAS, load, missing_modules
 from manip3d.cli.options import Json
 from manip3d.cli.terminal import Progress, Terminal, table
-from manip3d.errors import Error
+from manip3d.errors import Error, way_to_install
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -52,8 +52,8 @@ def _extras(progress: Progress | None) -> list[dict[str, Any]]:
             progress(number / len(EXTRAS), extra)
         absent = missing_modules(extra)
         if absent:
-            cure = f"pip install 'manip3d[{extra}]'"
-            checks.append(_check(f"extra {extra}", "missing", f"no {', '.join(absent)}", cure))
+            detail = f"no {', '.join(absent)}"
+            checks.append(_check(f"extra {extra}", "missing", detail, way_to_install(extra)))
         else:
             checks.append(_loaded(extra, modules))
     return checks

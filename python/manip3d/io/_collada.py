@@ -658,7 +658,9 @@ def _sampled(texture: Texture, sampler: Element) -> Texture:
 def _shader(profile: Element) -> Element | None:
     technique = profile.find("technique")
     kinds = ("phong", "blinn", "lambert", "constant")
-    return next((each for each in technique or () if each.tag in kinds), None)
+    if technique is None:
+        return None
+    return next((each for each in technique if each.tag in kinds), None)
 
 
 def _color(element: Element | None) -> tuple[float, float, float, float] | None:
