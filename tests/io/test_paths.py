@@ -176,6 +176,7 @@ ENTRIES: dict[str, Callable[[str], object]] = {
     "viewer.open_thing source": viewer.open_thing,
     "viewer.open_thing color": lambda p: viewer.open_thing(__file__, color=p),
     "viewer.open_thing calibration": lambda p: viewer.open_thing(__file__, calibration=p),
+    "capture.folder_depth folder": lambda p: capture.folder_depth(p, intrinsics="tum"),
     "capture.holds_clouds path": capture.holds_clouds,
     "authenticate.as_stored path": lambda p: authenticate.as_stored(scan, p),
     "authenticate.as_stored unchanged": lambda p: authenticate.as_stored(

@@ -26,6 +26,7 @@ __getattr__, __dir__, __all__ = lazily(
         "_bag": "holds_clouds",
         "_bag_stereo": "watched_recording",
         "_drive": "LidarDrive open_drive",
+        "_folder_depth": "FolderDepth folder_depth",
         "_joints": "ExportedJoints export_joints",
         "_lidar": "DEFAULT_PORT RETURN_TYPES LidarSource open_lidar",
         "_rgbd": "Scheme open_rgbd",

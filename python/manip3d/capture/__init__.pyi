@@ -4,6 +4,7 @@ from manip3d.capture._addresses import rgbd_address, scan_address
 from manip3d.capture._bag import holds_clouds
 from manip3d.capture._bag_stereo import watched_recording
 from manip3d.capture._drive import LidarDrive, open_drive
+from manip3d.capture._folder_depth import FolderDepth, folder_depth
 from manip3d.capture._joints import ExportedJoints, export_joints
 from manip3d.capture._lidar import DEFAULT_PORT, RETURN_TYPES, LidarSource, open_lidar
 from manip3d.capture._rgbd import Scheme, open_rgbd
@@ -17,6 +18,7 @@ __all__ = [
     "DEFAULT_PORT",
     "RETURN_TYPES",
     "ExportedJoints",
+    "FolderDepth",
     "ForgedSource",
     "LidarDrive",
     "LidarSource",
@@ -26,6 +28,7 @@ __all__ = [
     "SourceSummary",
     "VelodyneCalibration",
     "export_joints",
+    "folder_depth",
     "from_frames",
     "holds_clouds",
     "open",

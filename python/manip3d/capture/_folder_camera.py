@@ -5,10 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 
 from manip3d.camera import Intrinsics, read_intrinsics
-from manip3d.capture._first_image import first_depth_size
+from manip3d.capture._first_image import depth_images_of, first_depth_size
 
 _CAMERAS = ("intrinsic/intrinsic_depth.txt", "camera_intrinsic.json")
 """Files of ScanNet's exports and of Open3D's recordings."""
+_OF_RECORDINGS = ("calibration.json", "depth.txt", "metadata.yaml")
+"""Files of recordings that know their camera; the last is that of a ROS 2 bag."""
 
 
 def camera_file_of(folder: Path) -> Path | None:
@@ -42,3 +44,17 @@ def camera_of_folder(folder: Path) -> Intrinsics | None:
         return None
     width, height = size
     return read_intrinsics(file, width=width, height=height)
+
+
+def knows_camera(folder: Path, *, is_given: bool) -> bool:
+    """Return whether the camera of a folder's images is known; ``is_given``: by other means."""
+    if any((folder / name).is_file() for name in _OF_RECORDINGS):
+        return True
+    return bool(depth_images_of(folder)) and (is_given or camera_file_of(folder) is not None)
+
+
+def images_alone(folder: Path) -> bool:
+    """Return whether a folder has depth images whose unit no file of a recording states."""
+    if any((folder / name).exists() for name in (*_OF_RECORDINGS, "frames.jsonl")):
+        return False
+    return bool(depth_images_of(folder))

@@ -64,7 +64,8 @@ def simplify_recording(
     ----------
     frames : iterable of RgbdFrame
         A source from `manip3d.capture.open_rgbd`, or any other iterable of frames. A frame's colour
-        image becomes the texture.
+        image becomes the texture. `manip3d.capture.folder_depth` returns the unit of a folder of
+        images that no file states.
     output : path-like
         Folder of the meshes, which is created. Files are named by the frames' numbers,
         ``000000.glb``, ...; existing files of these names are replaced.
