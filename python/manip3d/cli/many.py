@@ -14,7 +14,7 @@ import os
 import sys
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, nullcontext
+from contextlib import nullcontext
 from dataclasses import KW_ONLY, dataclass, replace
 from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, Annotated, Any, NoReturn, get_type_hints
@@ -253,10 +253,10 @@ class over_files:  # a decorator: lower case, like functools.cached_property
     together : callable(sources, options) -> bool
         Makes one result of all files if the options ask for it, and returns whether it did;
         ``options["shared"]`` names those of ``--table``, ``--dask`` and ``--to`` that are given.
-    in_order : callable(options) -> context manager or None
-        Returns a context if each file depends on earlier ones: all files are then processed anew,
-        in order and in this process, within the context. None: files are independent. Options are
-        those of ``together``, as ``prepare`` left them.
+    in_order : callable(options) -> verb or None
+        Returns the verb to run in place of this one if each file depends on earlier ones: all files
+        are then processed anew, in order and in this process. None: files are independent. Options
+        are those of ``together``, as ``prepare`` left them.
     across : callable(rows)
         Adds values to rows that result from comparing them, before they are printed.
     find : callable, optional
@@ -297,9 +297,7 @@ class over_files:  # a decorator: lower case, like functools.cached_property
     beside: Callable[[str], Sequence[Path]] = lambda source: ()
     resumes: bool = True
     together: Callable[[list[str], dict[str, Any]], bool] = lambda sources, options: False
-    in_order: Callable[[Mapping[str, Any]], AbstractContextManager[object] | None] = (
-        lambda options: None
-    )
+    in_order: Callable[[Mapping[str, Any]], Verb | None] = lambda options: None
     across: Callable[[list[dict[str, Any]]], object] = lambda rows: None
     find: Callable[..., list[SourceFile]] | None = None
     logged: Callable[[Mapping[str, Any]], set[str] | None] = lambda options: None
@@ -412,13 +410,13 @@ class _Run:
         many = rules.many(self._batch.to)
         files = self._files(many)
         each = rules.prepare(files, given)
-        chain = rules.in_order(given | self._batch.asked)
+        next_one = rules.in_order(given | self._batch.asked)
         files = self._stamped(files)
-        earlier = self._earlier(many, files, each, in_order=chain is not None)
-        with ended_like_ctrl_c(), chain or nullcontext():
-            summary = self._rows(many, files, each, in_order=chain is not None)
+        earlier = self._earlier(many, files, each, in_order=next_one is not None)
+        with ended_like_ctrl_c():
+            summary = self._rows(many, files, each, next_one)
         if earlier:
-            self._clear(_not_written(earlier, summary.rows), in_order=chain is not None)
+            self._clear(_not_written(earlier, summary.rows), in_order=next_one is not None)
         if self._output is not None:
             rules.finish(summary, str(self._output))
         code = rules.exit_code(summary.rows, given)
@@ -486,10 +484,9 @@ class _Run:
         many: Many,
         files: Sequence[SourceFile],
         each: Mapping[str, Mapping[str, Any]],
-        *,
-        in_order: bool,
+        next_one: Verb | None,
     ) -> Summary:
-        """Run the verb on each file and print the rows."""
+        """Run the verb, or what ``in_order`` returned, on each file and print the rows."""
         from manip3d import batch
 
         rules, given, shell = self._rules, self._given, self._shell
@@ -505,7 +502,7 @@ class _Run:
         is_empty = logged is not None and not logged
         with shell.progress(self._verb.__name__) as progress:
             summary = batch.run(
-                on_file,
+                on_file if next_one is None else _in_this_process(next_one),
                 files,
                 None if self._output is None else str(self._output),
                 options={**work, "options": options},
@@ -516,10 +513,10 @@ class _Run:
                 },
                 rename=many.names(files).__getitem__,
                 table=self._batch.table or None,
-                jobs=1 if in_order else self._batch.jobs,
+                jobs=1 if next_one is not None else self._batch.jobs,
                 dask=self._batch.dask,
                 overwrite=given.get("force", False),
-                resume=rules.resumes and not in_order and not is_empty,
+                resume=rules.resumes and next_one is None and not is_empty,
                 inputs_of=lambda file: self._inputs(file, each.get(file.name, {})),
                 progress=progress,
                 on_error=failures.tell,
@@ -762,9 +759,11 @@ def on_file(
     more: Mapping[str, Any],
     shown_as: str,
     skipped_code: int = 0,
+    in_place: Verb | None = None,
 ) -> dict[str, Any]:
     """Run a verb on one file of many, and return its result for ``--json`` with its exit code.
 
+    ``in_place`` is called in place of the verb, with the same arguments.
     The row has the verb's warnings, if any, as ``warnings``.
     A file of a folder whose kind the verb does not accept is no error: its row has ``skipped``.
     """
@@ -786,7 +785,7 @@ def on_file(
     names = {str(source): shown_as} if is_url(shown_as) else {}
     with collecting() as found, showing_as(names):
         try:
-            function(**given, **{argument: str(source)})
+            (in_place or function)(**given, **{argument: str(source)})
         except typer.Exit as done:
             code = done.exit_code
         except kinds.OtherKindError as error:
@@ -797,6 +796,11 @@ def on_file(
     paths = (str(source), str(output))
     row = {k: v for k, v in record.items() if v not in paths} | {"exit_code": code}
     return row | ({"warnings": list(dict.fromkeys(found.warnings))} if found.warnings else {})
+
+
+def _in_this_process(verb: Verb) -> Callable[..., dict[str, Any]]:
+    """Return `on_file` for a verb that no worker can import, since it has a state."""
+    return functools.wraps(on_file)(functools.partial(on_file, in_place=verb))
 
 
 def _tell(shell: Terminal, summary: Summary, noun: str, columns: Sequence[str]) -> None:
