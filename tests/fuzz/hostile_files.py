@@ -606,7 +606,7 @@ def read_study_folder(folder: Path, _: str) -> None:
 def read_camera(folder: Path, name: str) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # fields that are left out
-        camera._camera_of_file(folder / name, 64, 48)
+        camera.read_intrinsics(folder / name, width=64, height=48)
     camera.camera_depth_unit(folder / name)
 
 

@@ -75,7 +75,7 @@ READERS = {
     "capture.open('pcap:' + path).read()": (".pcap",),
     "capture.read_velodyne_calibration(path)": (".xml", ".yaml"),
     "authenticate.SensorLattice.load(path)": (".json",),
-    "camera._camera_of_file(Path(path), 64, 48)": (".json",),
+    "camera.read_intrinsics(path, width=64, height=48)": (".json",),
     "forge.read_stream_truth(path)": (".npz",),
     "serve.kept_certificate(path, '127.0.0.1')": (".pem",),
     "read_key(Path(path))": (".key",),

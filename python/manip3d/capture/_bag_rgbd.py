@@ -17,12 +17,13 @@ import numpy as np
 
 from manip3d._util.callers import caller_level
 from manip3d._util.linear import inverse, product
-from manip3d.camera import Intrinsics, Registration, is_brown
+from manip3d.camera import Intrinsics, Registration
 from manip3d.capture._bag import BagPicture, BagRecording
 from manip3d.capture._bag_pictures import decoded, pose_of, rigid, rows_of
 from manip3d.errors import FormatError, InputError
 from manip3d.io._depth_files import MAX_PIXELS
 from manip3d.io._depth_formats import decode_depth
+from manip3d.io._intrinsics_files import is_brown
 from manip3d.rgbd import NO_MEASUREMENT, RgbdCalibration, RgbdFrame
 
 if TYPE_CHECKING:
