@@ -14,7 +14,7 @@ from PIL import Image
 import command_line
 import rgbd_frames
 from command_line import error_line
-from manip3d import capture
+from manip3d import capture, viewer
 from manip3d.cli import capture as cli_capture
 from manip3d.cli.terminal import Terminal
 
@@ -108,7 +108,7 @@ def test_play_removes_no_picture_before_it_has_read_all(
     def broken(frame: object) -> None:
         raise OSError("no frame")
 
-    monkeypatch.setattr(cli_capture, "picture", broken)
+    monkeypatch.setattr(viewer, "rgbd_picture", broken)
     source = cli_capture.open_source(str(walk), Terminal(quiet=True))
     with pytest.raises(OSError, match="no frame"):
         cli_capture.play(source, folder, Terminal(quiet=True), frames=None, force=True)

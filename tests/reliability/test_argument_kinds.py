@@ -238,6 +238,8 @@ OTHERS: dict[str, dict[str, Any]] = {
     "phantom.simulated_patient": {"limb": "left_leg", "game": None},
     "batch.run_stored": {"tasks": {}, "store": None, "jobs": 1},
     "experiments.select": {"ids": []},
+    "viewer.rgbd_picture": {"frame": PERSON},
+    "viewer.sheet": {"images": [np.zeros((4, 4, 3), np.uint8)]},
     "viewer.png_bytes": {"image": np.zeros((4, 4, 3), np.uint8)},
     "viewer.forgery_points": {"forgery": None},
     "viewer.frame_times": {"meshes": [], "drawn_by": "chromium"},

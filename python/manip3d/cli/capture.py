@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 import time
-from collections.abc import Iterable
 from contextlib import ExitStack, suppress
 from dataclasses import asdict
 from itertools import islice
@@ -396,27 +395,6 @@ def _spread(total: int | None) -> set[int] | None:
     return {int(i) for i in np.linspace(0, total - 1, wanted).round()}
 
 
-def picture(frame: RgbdFrame) -> NDArray[np.uint8]:
-    """Return a picture of a frame: depth in grey (near is bright), and its colour image beside it.
-
-    Pixels of people are tinted.
-    """
-    depth = frame.depth.astype(np.float32)
-    seen = depth > 0
-    near, far = np.percentile(depth[seen], (1, 99)) if seen.any() else (0.0, 1.0)
-    bright = np.clip((far - depth) / max(far - near, 1.0), 0.0, 1.0)
-    grey = np.where(seen, 55 + 200 * bright, 0).astype(np.uint8)
-    image = np.repeat(grey[..., None], 3, axis=2)
-    if frame.body_index is not None:
-        image[..., 2] = np.where(frame.body_index != 255, image[..., 2] // 3, image[..., 2])
-    if frame.color is None:
-        return image
-    rows = np.arange(image.shape[0]) * frame.color.shape[0] // image.shape[0]
-    width = frame.color.shape[1] * image.shape[0] // frame.color.shape[0]
-    columns = np.arange(width) * frame.color.shape[1] // max(width, 1)
-    return np.concatenate([image, frame.color[np.ix_(rows, columns)]], axis=1)
-
-
 class _Pictures:
     """Writer of a contact sheet or of a folder of pictures; without output it does nothing."""
 
@@ -432,12 +410,14 @@ class _Pictures:
         """Add a frame."""
         if self._output is None:
             return
+        from manip3d import viewer
+
         if self._output.suffix:
             if in_sheet and len(self._sheet) < _SHEET_FRAMES:
-                self._sheet.append(picture(frame))
+                self._sheet.append(viewer.rgbd_picture(frame))
             return
         try:
-            _write_png(self._output / f"{self._written:06}.png", picture(frame))
+            _write_png(self._output / f"{self._written:06}.png", viewer.rgbd_picture(frame))
         except OSError:
             with suppress(OSError):
                 self._output.rmdir()  # fails if the folder is not empty
@@ -449,7 +429,11 @@ class _Pictures:
         if self._output is None:
             return
         if self._output.suffix:
-            _write_png(self._output, _tiled(self._sheet))
+            from manip3d import viewer
+
+            if not self._sheet:
+                raise InputError("source: expected a frame, found none")
+            _write_png(self._output, viewer.sheet(self._sheet))
             return
         for old in self._output.iterdir():
             if _is_picture_of_play(old.name) and int(old.stem) >= self._written:
@@ -468,24 +452,6 @@ def _refuse_folder_of(source: RgbdSource, output: Path | None) -> None:
         return
     if output.resolve().is_relative_to(folder.resolve()):
         raise InputError(f"-o {output}: expected a place outside of the recording")
-
-
-def _tiled(images: Iterable[NDArray[np.uint8]]) -> NDArray[np.uint8]:
-    """Return the pictures as a grid with ceil(sqrt(n)) columns."""
-    tiles = list(images)
-    if not tiles:
-        raise InputError("source: expected a frame, found none")
-    height, width = (max(image.shape[axis] for image in tiles) for axis in (0, 1))
-    step = max(1, round(width / 400))  # reduces each picture to about 400 columns
-    columns = int(np.ceil(np.sqrt(len(tiles))))
-    rows = -(-len(tiles) // columns)
-    height, width = -(-height // step), -(-width // step)
-    sheet = np.zeros((rows * height, columns * width, 3), np.uint8)
-    for i, image in enumerate(tiles):
-        small = image[::step, ::step][:height, :width]
-        top, left = i // columns * height, i % columns * width
-        sheet[top : top + small.shape[0], left : left + small.shape[1]] = small
-    return sheet
 
 
 def _write_png(path: Path, image: NDArray[np.uint8]) -> None:

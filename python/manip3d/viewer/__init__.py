@@ -8,6 +8,7 @@ __getattr__, __dir__, __all__ = lazily(
     __name__,
     {
         "evidence_points": "evidence forgery_points",
+        "frame_pictures": "rgbd_picture sheet",
         "opening": "Opened kind_of open_thing",
         "page": "figure film has_display html iframe play view",
         "pictures": "comparison picture png_bytes points_picture",

@@ -1,4 +1,5 @@
 from manip3d.viewer.evidence_points import evidence, forgery_points
+from manip3d.viewer.frame_pictures import rgbd_picture, sheet
 from manip3d.viewer.opening import Opened, kind_of, open_thing
 from manip3d.viewer.page import figure, film, has_display, html, iframe, play, view
 from manip3d.viewer.pictures import comparison, picture, png_bytes, points_picture
@@ -52,8 +53,10 @@ __all__ = [
     "png_bytes",
     "points_picture",
     "renderer",
+    "rgbd_picture",
     "rgbd_points",
     "scan_points",
+    "sheet",
     "shown",
     "skeleton_lines",
     "view",
