@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from typing import Any
 
@@ -113,6 +114,36 @@ def test_exact_coordinates_stay_where_points_stayed() -> None:
     assert made.exact is not None
     assert made.exact[0].tolist() == exact[0].tolist()
     np.testing.assert_allclose(made.exact[1], exact[1] + [0, 0, 1], atol=1e-6)
+
+
+def test_a_summary_has_counts_and_extents_in_the_coordinates_of_a_map() -> None:
+    to_file = np.eye(4)
+    to_file[:3, 3] = (5e5, 5e6, 100.0)
+    scan = LidarFrame(
+        [[3, 4, 0], [0, 0, 0], [-6, 8, 1]],
+        intensity=[0.25, 0.0, 0.5],
+        ring=[7, 0, 7],
+        origin=(0, 0, 1),
+        fields={"echo": np.array([1, 1, 2], np.uint8)},
+        format=ScanFormat("las", header={"unit": "m", "scale": 0.01}, to_file=to_file),
+        num_dropped=2,
+    )
+    found = scan.summary()
+    assert (found.num_points, found.num_empty, found.num_dropped) == (3, 1, 2)
+    assert found.bounds == ((499994.0, 5000004.0, 100.0), (500003.0, 5000008.0, 101.0))
+    assert found.origin == (500000.0, 5000000.0, 101.0)
+    assert found.distances == (26**0.5, 10.0)
+    assert (found.intensity, found.ring, found.num_rings) == ((0.0, 0.5), (0, 7), 2)
+    record = found.record()
+    assert json.loads(json.dumps(record)) == record
+    assert (record["unit"], record["fields"]) == ("m", {"echo": "uint8"})
+    assert "scale" not in record
+
+
+def test_a_summary_of_no_points_has_no_extents() -> None:
+    found = LidarFrame(np.empty((0, 3))).summary()
+    assert found.num_points == 0
+    assert (found.bounds, found.distances, found.intensity, found.num_rings) == (None,) * 4
 
 
 @pytest.mark.parametrize(

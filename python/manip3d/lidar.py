@@ -27,7 +27,13 @@ if TYPE_CHECKING:
 
 ScanLike: TypeAlias = "LidarFrame | ArrayLike"
 
-__all__ = ["Box", "LidarFrame", "ScanFormat"]
+__all__ = ["Box", "LidarFrame", "ScanFormat", "ScanSummary"]
+
+_Corner: TypeAlias = tuple[float, float, float]
+_Extent: TypeAlias = tuple[float, float]
+
+_TOLD = ("model", "sensor_time", "packets", "is_complete", "unit")
+"""Names in `ScanFormat.header` of what describes a scan, in a summary's order."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -261,6 +267,10 @@ class LidarFrame(Showable):
         """Number of points at exactly (0, 0, 0), by which some formats mark missing returns."""
         return int(np.count_nonzero(~self.points.any(axis=1)))
 
+    def summary(self) -> ScanSummary:
+        """Return counts and extents of the points and columns, and the format's metadata."""
+        return _summarized(self)
+
     def replace(self, **changes: Any) -> LidarFrame:
         """Return the frame with some attributes changed; the other arrays are shared."""
         unknown = set(changes) - set(self.__dataclass_fields__)
@@ -464,6 +474,107 @@ def _three(values: Any) -> tuple[float, float, float]:
 def _place(values: Any, name: str) -> tuple[float, float, float]:
     x, y, z = vector(values, 3, name).tolist()
     return x, y, z
+
+
+@dataclass(frozen=True)
+class ScanSummary:
+    """Counts and extents of a scan; see `LidarFrame.summary`.
+
+    Attributes
+    ----------
+    format : str or None
+        Name of the file's format.
+    num_points, num_empty, num_dropped : int
+        Same as for `LidarFrame`.
+    bounds : ((x, y, z), (x, y, z)) float, or None
+        Lowest and highest corner of the bounding box of all points but those at (0, 0, 0), in the
+        coordinates of the file if it is a map; None: there are no such points.
+    origin : (float, float, float) or None
+        Position of the scanner, in the same coordinates.
+    distances : (float, float) or None
+        Smallest and largest distance of these points from the scanner; None: unknown.
+    intensity, ring : (lowest, highest) or None
+        Extents of these columns.
+    num_rings : int or None
+        Number of distinct rings.
+    time_ns : int or None
+        Same as for `LidarFrame`.
+    fields : mapping of str to str
+        Data type of each further column.
+    header : mapping
+        What the format states of sensor, time, packets and unit, under its own names.
+    """
+
+    format: str | None
+    num_points: int
+    num_empty: int
+    num_dropped: int
+    bounds: tuple[_Corner, _Corner] | None
+    origin: _Corner | None
+    distances: _Extent | None
+    intensity: _Extent | None
+    ring: _Extent | None
+    num_rings: int | None
+    time_ns: int | None
+    fields: Mapping[str, str]
+    header: Mapping[str, Any]
+
+    __repr__ = short_repr
+
+    def record(self) -> dict[str, Any]:
+        """Return the summary as plain values that can be written as JSON.
+
+        Returns
+        -------
+        dict
+            The values that ``manip3d info`` prints of a scan with ``--json``.
+        """
+        return {
+            "format": self.format,
+            "points": self.num_points,
+            "no_return": self.num_empty,
+            "dropped": self.num_dropped,
+            "bounds": None if self.bounds is None else [list(corner) for corner in self.bounds],
+            "origin": None if self.origin is None else list(self.origin),
+            "range": None if self.distances is None else list(self.distances),
+            "intensity": None if self.intensity is None else list(self.intensity),
+            "ring": None if self.ring is None else list(self.ring),
+            "rings": self.num_rings,
+            "time_ns": self.time_ns,
+            "fields": dict(self.fields),
+            **self.header,
+        }
+
+
+def _summarized(frame: LidarFrame) -> ScanSummary:
+    shift = map_shift(frame)
+    returned = frame.points[frame.points.any(axis=1)].astype(np.float64)
+    seen = returned - (frame.origin or (0.0, 0.0, 0.0))
+    reach = None if frame.origin is None else np.linalg.norm(seen, axis=1)
+    header = {} if frame.format is None else frame.format.header
+    return ScanSummary(
+        format=None if frame.format is None else frame.format.name,
+        num_points=frame.num_points,
+        num_empty=frame.num_empty,
+        num_dropped=frame.num_dropped,
+        bounds=(_three(returned.min(0) + shift), _three(returned.max(0) + shift))
+        if len(returned)
+        else None,
+        origin=None if frame.origin is None else _three(frame.origin + shift),
+        distances=_extent(reach),
+        intensity=_extent(frame.intensity),
+        ring=_extent(frame.ring),
+        num_rings=None if frame.ring is None else len(np.unique(frame.ring)),
+        time_ns=frame.time_ns,
+        fields=ReadOnlyMapping({n: str(values.dtype) for n, values in frame.fields.items()}),
+        header=ReadOnlyMapping({name: header[name] for name in _TOLD if name in header}),
+    )
+
+
+def _extent(values: NDArray[Any] | None) -> _Extent | None:
+    if values is None or not len(values):
+        return None
+    return values.min().item(), values.max().item()
 
 
 class Scan(NamedTuple):

@@ -58,6 +58,7 @@ def files(folder: Path) -> Iterator[object]:
     yield io.read_scene(folder / "arm.glb").deformations[0]
     scan().write(folder / "a.pcd")
     yield io.read_scan(folder / "a.pcd")
+    yield scan().summary()
     np.save(folder / "a.npy", kernels.DEPTH)
     yield io.read_depth_guessing(folder / "a.npy")
     grid = b"ply\nformat ascii 1.0\nobj_info num_cols 2\nobj_info num_rows 1\nelement vertex 1\n"

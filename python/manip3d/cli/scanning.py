@@ -13,7 +13,7 @@ from manip3d._util.times import SECOND_NS
 from manip3d.cli.terminal import Terminal, count, counted, table
 from manip3d.errors import FormatError, InputError
 from manip3d.io._scan_tables import scan_suffix
-from manip3d.lidar import LidarFrame, map_shift
+from manip3d.lidar import map_shift
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from manip3d.capture import LidarSource
+    from manip3d.lidar import LidarFrame
 
 _MAX_TOLD = 8
 """Largest number of column names in a message."""
@@ -102,12 +103,12 @@ def summary(
 
     uri = capture.scan_address(source)
     if uri is None:
-        return _told(source, [_describe(frame) for frame in frames(source, terminal)]), None
+        return _told(source, [frame.summary().record() for frame in frames(source, terminal)]), None
     recording = capture.open_lidar(uri, calibration=calibration)
     scans: list[dict[str, Any]] = []
     for frame in expect_scans(recording.past_errors(), uri, lambda: recording.counters):
         if frame is not None:
-            scans.append(_describe(frame))
+            scans.append(frame.summary().record())
     damage = _damage(recording)
     record = _told(source, scans) | {"counters": recording.counters}
     return (record if damage is None else record | {"error": str(damage)}), damage
@@ -142,38 +143,6 @@ def _together(scans: list[dict[str, Any]]) -> dict[str, Any]:
         else None,
         "range": [ranges[:, 0].min().item(), ranges[:, 1].max().item()] if ranges.size else None,
     }
-
-
-def _describe(frame: LidarFrame) -> dict[str, Any]:
-    shift = map_shift(frame)
-    returned = frame.points[frame.points.any(axis=1)].astype(np.float64)
-    seen = returned - (frame.origin or (0.0, 0.0, 0.0))
-    reach = np.linalg.norm(seen, axis=1) if frame.origin is not None else np.empty(0)
-    header = {} if frame.format is None else dict(frame.format.header)
-    record: dict[str, Any] = {
-        "format": None if frame.format is None else frame.format.name,
-        "points": frame.num_points,
-        "no_return": frame.num_empty,
-        "dropped": frame.num_dropped,
-        "bounds": (np.stack([returned.min(0), returned.max(0)]) + shift).tolist()
-        if len(returned)
-        else None,
-        "origin": None if frame.origin is None else tuple((frame.origin + shift).tolist()),
-        "range": [float(reach.min()), float(reach.max())] if reach.size else None,
-        "intensity": _extent(frame.intensity),
-        "ring": _extent(frame.ring),
-        "rings": None if frame.ring is None else len(np.unique(frame.ring)),
-        "time_ns": frame.time_ns,
-        "fields": {name: str(values.dtype) for name, values in frame.fields.items()},
-    }
-    told = ("model", "sensor_time", "packets", "is_complete", "unit")
-    return record | {key: header[key] for key in told if key in header}
-
-
-def _extent(values: Any) -> list[float] | None:
-    return (
-        [values.min().item(), values.max().item()] if values is not None and len(values) else None
-    )
 
 
 def show(console: Console, record: dict[str, Any]) -> None:
