@@ -117,12 +117,12 @@ def test_outputs_of_others_are_not_replaced(texts: Path, tmp_path: Path) -> None
     out = tmp_path / "out"
     out.mkdir()
     (out / "c.txt").write_text("mine")
-    with pytest.raises(InputError, match=r"c\.txt: exists already; --force"):
+    with pytest.raises(InputError, match=r"c\.txt: exists already; overwrite=True"):
         batch.run(upper, texts, out, suffixes=[".txt"], jobs=1)
     assert (out / "c.txt").read_text() == "mine"
     assert not (out / "results.rows").exists()
     batch.run(upper, texts, out, suffixes=[".txt"], jobs=1, overwrite=True)
-    with pytest.raises(InputError, match="other options; --force"):
+    with pytest.raises(InputError, match="other options; overwrite=True"):
         batch.run(upper, texts, out, suffixes=[".txt"], jobs=1, options={"seconds": 0.001})
     (tmp_path / "t.csv").write_text("mine")
     with pytest.raises(InputError, match=r"t\.csv: exists already"):

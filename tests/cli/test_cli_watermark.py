@@ -778,7 +778,7 @@ def test_a_drive_goes_on_after_a_full_disk(
     assert (out / "calib.txt").is_file()
     again = run(*command)  # a session that has ended is no beginning
     assert isinstance(again.exception, InputError)
-    assert str(again.exception).startswith(f"-o: {out} exists already; --force")
+    assert str(again.exception).startswith(f"-o: {out} exists already; replace=True")
 
 
 @pytest.mark.parametrize("other", ["key", "sensor", "embedding", "drive", "times"])

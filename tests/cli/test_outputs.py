@@ -10,8 +10,9 @@ import pytest
 import rgbd_frames
 from command_line import error_line, manip3d
 from manip3d import InputError, capture
+from manip3d._util.paths import refuse_existing
 from manip3d.capture._rgbd_record import is_file_of_recording
-from manip3d.cli.terminal import check_place, naming_options, without_arguments
+from manip3d.cli.terminal import check_place, naming_options, with_force
 
 
 def folder_of_others(place: Path, *names: str) -> Path:
@@ -229,10 +230,16 @@ def test_a_table_may_be_in_the_folder_that_the_outputs_make(
 
 
 def test_errors_of_the_library_name_options_of_the_command_only(tmp_path: Path) -> None:
-    told = "x: exists already; --force (replace=True) replaces it, run without --force (replace)"
-    assert without_arguments(told) == (
-        "x: exists already; --force replaces it, run without --force"
-    )
+    for told in ("overwrite=True", "replace=True", "--force (overwrite=True)"):
+        assert with_force(f"{told} replaces it") == "--force replaces it"
+    new = tmp_path / "new.csv"
+    refuse_existing(new, overwrite=False)
+    new.touch()
+    refuse_existing(new, overwrite=True)
+    for option in ("overwrite", "replace"):
+        with pytest.raises(InputError) as refused:
+            refuse_existing(new, overwrite=False, name="output", option=option)
+        assert str(refused.value) == f"output: {new} exists already; {option}=True replaces it"
     with (
         pytest.raises(InputError, match=r"^-o: expected another file"),
         naming_options("output", path="output"),

@@ -426,7 +426,7 @@ def test_what_would_not_open_is_no_rescue(kept: Path, tmp_path: Path) -> None:
         rescue_diary(tmp_path / "empty", new)
     assert not new.exists()
     new.write_text("mine")
-    with pytest.raises(InputError, match=r"output: .*new.diary exists already; --force "):
+    with pytest.raises(InputError, match=r"output: .*new.diary exists already; overwrite=True "):
         rescue_diary(kept, new)
     assert new.read_text() == "mine"
     os.mkfifo(tmp_path / "pipe")

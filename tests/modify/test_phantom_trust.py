@@ -732,6 +732,7 @@ def test_a_source_without_skeletons_is_named() -> None:
     assert reasons[0] is PhantomReason.NO_JOINTS
     assert reasons[-1] is PhantomReason.NO_SKELETON
     assert "no skeleton" in reasons[-1].message
+    assert not any("--" in reason.message for reason in PhantomReason)  # options of the commands
 
 
 def without_joints(whole: Skeleton) -> Skeleton:

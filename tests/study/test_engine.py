@@ -632,7 +632,7 @@ def test_results_replace_nothing_that_is_not_theirs(definition: Path, tmp_path: 
     with StudyFolder(tmp_path / "a", content) as folder:
         simulate_participants(study, folder, 2)
         write_results(study_of(folder.definition), folder, tmp_path / "r")
-        with pytest.raises(InputError, match=r"exists already; --force \(overwrite=True\)"):
+        with pytest.raises(InputError, match=r"exists already; overwrite=True"):
             write_results(study, folder, tmp_path / "r")
         write_results(study, folder, tmp_path / "r", overwrite=True)
         (tmp_path / "r" / "mine.txt").write_text("kept")

@@ -222,7 +222,7 @@ def test_stimuli_have_the_faces_that_their_names_say(tmp_path: Path) -> None:
     for line in lines[1:]:
         _, _, _, wanted, _, reached = line.split(",")
         assert abs(float(wanted) - float(reached)) < 0.5
-    with pytest.raises(InputError, match=r"exists already; --force \(overwrite=True\)"):
+    with pytest.raises(InputError, match=r"exists already; overwrite=True"):
         make_stimuli(file)
 
 

@@ -333,7 +333,7 @@ def test_stimuli_of_the_package_are_of_their_kinds(tmp_path: Path) -> None:
     study, _ = read_study(template(tmp_path, "any"))
     assert isinstance(study, RatingStudy)
     assert study.items == made
-    with pytest.raises(InputError, match=r"exists already; --force \(overwrite=True\)"):
+    with pytest.raises(InputError, match=r"exists already; overwrite=True"):
         make_rating_stimuli(folder)
 
 
@@ -421,7 +421,7 @@ def test_stimuli_of_ones_own_get_names_that_tell_nothing(tmp_path: Path) -> None
     assert study.items == made
     again = copy_rating_stimuli(images, tmp_path / "again", seed=3)
     assert again == made
-    with pytest.raises(InputError, match=r"exists already; --force \(overwrite=True\)"):
+    with pytest.raises(InputError, match=r"exists already; overwrite=True"):
         copy_rating_stimuli(images, tmp_path / "stimuli")
 
 

@@ -30,6 +30,27 @@ def path_of(path: str | os.PathLike[str], name: str = "path") -> Path:
     return Path(path)
 
 
+def refuse_existing(
+    path: Path, *, overwrite: bool, name: str = "", option: str = "overwrite"
+) -> None:
+    """Raise InputError if an output exists and may not be replaced.
+
+    Parameters
+    ----------
+    path : Path
+        A file or a folder.
+    overwrite : bool
+        Whether it may be replaced.
+    name : str
+        The argument that is the path, if the error is to begin with it.
+    option : str
+        The argument that permits to replace it. Commands show it as ``--force``.
+    """
+    if path.exists() and not overwrite:
+        place = f"{name}: {path}" if name else f"{path}:"
+        raise InputError(f"{place} exists already; {option}=True replaces it")
+
+
 def is_hidden(name: str) -> bool:
     """Return whether a file or folder of this name is hidden, so that searches ignore it.
 

@@ -15,7 +15,7 @@ import numpy as np
 from manip3d._util.checked import checked
 from manip3d._util.locks import new_folder_locked
 from manip3d._util.options import reporting
-from manip3d._util.paths import in_order, path_of
+from manip3d._util.paths import in_order, path_of, refuse_existing
 from manip3d.authenticate._picture_files import picture_path, read_carrier
 from manip3d.authenticate._picture_records import record_of_picture
 from manip3d.authenticate._verdict import verdict_repr
@@ -274,9 +274,7 @@ def _embed_drive(
         _refuse_unsigned(target, works)
     done = [] if replace else _go_on(marker, works)
     if not (replace or done) and any(path.is_file() for path in target.rglob("*")):
-        raise InputError(
-            f"output: {target} exists already; --force (replace=True) replaces its scans"
-        )
+        raise InputError(f"output: {target} exists already; replace=True replaces its scans")
     pictures = {work.shown for work in works if work.shown is not None}
     with reporting(progress, "embed") as report, _noting_what_is_done(target, works, done):
         for number, work in enumerate(works[len(done) :], len(done) + 1):
@@ -346,7 +344,7 @@ def _noting_what_is_done(
     except BaseException as error:
         error.add_note(
             f"{output} has {len(done)} of {len(works)} scans, each whole"
-            + ("; run again without --force (replace), it goes on after them" if done else "")
+            + ("; run again without replace=True, it goes on after them" if done else "")
         )
         raise
 
@@ -481,8 +479,7 @@ def _record_of(scan: Path, picture: Path | None) -> Path | None:
 def _check_scan(target: Path, picture: str, *, replace: bool) -> None:
     files = [target] if not picture else [target, picture_path(target)]
     for file in files:
-        if file.exists() and not replace:
-            raise InputError(f"{file}: exists already; --force (replace=True) replaces it")
+        refuse_existing(file, overwrite=replace, option="replace")
     refuse_existing_record(target, replace=replace)
 
 

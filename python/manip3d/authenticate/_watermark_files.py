@@ -13,7 +13,7 @@ import numpy as np
 
 from manip3d._util.callers import caller_level
 from manip3d._util.checked import checked
-from manip3d._util.paths import in_order, is_hidden, path_of
+from manip3d._util.paths import in_order, is_hidden, path_of, refuse_existing
 from manip3d.authenticate._picture_files import carrier_bytes, picture_path
 from manip3d.authenticate._turns import MAX_APART_NS
 from manip3d.authenticate._watermark import Watermarked, WatermarkResult, WatermarkVerdict
@@ -218,11 +218,9 @@ def refuse_existing_record(scan: str | os.PathLike[str], *, replace: bool = Fals
     >>> refuse_existing_record("scan.bin")
     Traceback (most recent call last):
         ...
-    manip3d.errors.InputError: scan.bin.wm: exists already; --force (replace=True) replaces it
+    manip3d.errors.InputError: scan.bin.wm: exists already; replace=True replaces it
     """
-    path = record_path(scan)
-    if path.exists() and not replace:
-        raise InputError(f"{path}: exists already; --force (replace=True) replaces it")
+    refuse_existing(record_path(scan), overwrite=replace, option="replace")
 
 
 @checked

@@ -88,7 +88,7 @@ class Rows:
         if record is not None and record.get("asked") != asked:
             raise InputError(
                 f"{self._place}: holds results of another command or of other options; "
-                "--force (overwrite=True) makes them again"
+                "overwrite=True makes them again"
             )
         return record is not None
 

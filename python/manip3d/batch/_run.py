@@ -439,5 +439,5 @@ def _refuse_existing(
     is_here = Path(table).exists() if not is_url(table) else table in there
     if taken or is_here:
         raise InputError(
-            f"{taken[0] if taken else table}: exists already; --force (overwrite=True) replaces it"
+            f"{taken[0] if taken else table}: exists already; overwrite=True replaces it"
         )

@@ -16,7 +16,7 @@ import numpy as np
 
 from manip3d._util.checked import checked
 from manip3d._util.linear import product
-from manip3d._util.paths import path_of
+from manip3d._util.paths import path_of, refuse_existing
 from manip3d._util.reprs import short_repr
 from manip3d.capture._rgbd import open_rgbd
 from manip3d.capture._rgbd_source import RgbdSource
@@ -175,8 +175,7 @@ def export_joints(
     suffix = target.suffix.lower()
     if suffix not in (".csv", ".bvh"):
         raise InputError(f"path: expected a name that ends in .csv or .bvh, got {target}")
-    if target.exists() and not overwrite:
-        raise InputError(f"path: {target} exists already; --force (overwrite=True) replaces it")
+    refuse_existing(target, overwrite=overwrite, name="path")
     if frames is not None and not frames > 0:
         raise InputError(f"frames: expected > 0, got {frames}")
     with ExitStack() as opened:

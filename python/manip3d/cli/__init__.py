@@ -273,15 +273,15 @@ def _fail(error: BaseException, message: str, as_json: bool) -> NoReturn:
         import traceback
 
         traceback.print_exception(error)
-    from manip3d.cli.terminal import without_arguments
+    from manip3d.cli.terminal import with_force
     from manip3d.errors import Error, error_details
 
     line = " ".join("; ".join([message, *getattr(error, "__notes__", ())]).split())
-    line = without_arguments(line)
+    line = with_force(line)
     with contextlib.suppress(OSError):
         if as_json and not _has_answered():
             details = error_details(error)
-            own = without_arguments(str(error)) if isinstance(error, Error) else line
+            own = with_force(str(error)) if isinstance(error, Error) else line
             print(json.dumps({"error": details | {"message": own}}))
             _flush(sys.stdout)
     with contextlib.suppress(OSError):  # separate, because stdout may have failed

@@ -217,7 +217,7 @@ def phantom_render(
             "frames": film.frames,
             "frames_with_skeleton": film.frames_with_skeleton,
             "states": dict(film.states),
-            "messages": dict(film.messages),
+            "messages": _messages(film),
             "stage_ms": dict(film.stage_ms),
             "errors": {str(frame): reason for frame, reason in film.errors.items()},
             "counters": dict(film.counters),
@@ -225,6 +225,15 @@ def phantom_render(
     )
     if film.errors or damaged or not is_shown:
         raise typer.Exit(1)
+
+
+def _messages(film: PhantomFilm) -> dict[str, int]:
+    """Return the numbers of frames by message, which names the option that finds joints."""
+    from manip3d.modify import PhantomReason
+    from manip3d.phantom._session import NO_SKELETON
+
+    own = {PhantomReason.NO_SKELETON.message: NO_SKELETON}
+    return {own.get(message, message): number for message, number in film.messages.items()}
 
 
 def _tell_film(
@@ -243,7 +252,7 @@ def _tell_film(
     elif not is_shown:
         told += "; no frame shows a phantom limb"
     shell.say(f"wrote {output}: {counted(film.frames, 'frame')}, {told}")
-    for message, number in film.messages.items() if film.frames_with_skeleton else ():
+    for message, number in _messages(film).items() if film.frames_with_skeleton else ():
         shell.warn(f"{counted(number, 'frame')}: {message}")
     for frame, reason in film.errors.items():
         shell.warn(f"frame {frame}: {reason}")

@@ -214,9 +214,12 @@ def _is_number(cell: str) -> bool:
     return cell[:1].isdigit() or cell in ("", "-")
 
 
-def without_arguments(text: str) -> str:
-    """Return a message without Python's argument beside ``--force``, as in ``(overwrite=True)``."""
-    return re.sub(r"--force \(\w+(=True)?\)", "--force", text)
+def with_force(text: str) -> str:
+    """Return an error with ``--force`` for the arguments ``overwrite=True`` and ``replace=True``.
+
+    Errors of the core have both.
+    """
+    return re.sub(r"--force \(overwrite=True\)|\b(overwrite|replace)=True\b", "--force", text)
 
 
 def named_as_options(text: str, options: Sequence[str]) -> str:

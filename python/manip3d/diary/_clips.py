@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 from manip3d._util.checked import checked
 from manip3d._util.extras import imported
-from manip3d._util.paths import path_of
+from manip3d._util.paths import path_of, refuse_existing
 from manip3d.diary._sealing import seal, unseal
 from manip3d.errors import FormatError, InputError
 from manip3d.io._files import atomic_folder, refuse_other_files
@@ -193,8 +193,7 @@ def export_clips(
     []
     """
     target = path_of(output, "output")
-    if target.exists() and not overwrite:
-        raise InputError(f"output: {target} exists already; --force (overwrite=True) replaces it")
+    refuse_existing(target, overwrite=overwrite, name="output")
     refuse_other_files(target, lambda name: is_film_of(identifier, name))
     clips = diary.clips(identifier)
     diary.note_export(identifier)

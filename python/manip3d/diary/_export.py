@@ -13,7 +13,7 @@ from datetime import datetime
 from typing import Any
 
 from manip3d._util.checked import checked
-from manip3d._util.paths import path_of
+from manip3d._util.paths import path_of, refuse_existing
 from manip3d._util.texts import legible
 from manip3d.diary._diary import Diary
 from manip3d.diary._records import (
@@ -102,8 +102,7 @@ def export_csv(
     True
     """
     target = path_of(output, "output")
-    if target.exists() and not overwrite:
-        raise InputError(f"output: {target} exists already; --force (overwrite=True) replaces it")
+    refuse_existing(target, overwrite=overwrite, name="output")
     refuse_other_files(target, is_exported_table)
     chosen = _chosen(diary, participants)
     tables = _tables(diary, chosen)
@@ -306,8 +305,7 @@ def export_fhir(
     ...     export_fhir(diary, "P01.json", "P01")
     """
     target = path_of(output, "output")
-    if target.exists() and not overwrite:
-        raise InputError(f"output: {target} exists already; --force (overwrite=True) replaces it")
+    refuse_existing(target, overwrite=overwrite, name="output")
     bundle = fhir_bundle(diary, identifier)
     diary.note_export(identifier)
     atomic_write(target, json.dumps(bundle, indent=1) + "\n")

@@ -11,7 +11,7 @@ from datetime import date, datetime, timedelta
 
 from manip3d._util.checked import checked
 from manip3d._util.html import Html, as_html, html_table
-from manip3d._util.paths import path_of
+from manip3d._util.paths import path_of, refuse_existing
 from manip3d._util.texts import legible
 from manip3d.diary._clips import film
 from manip3d.diary._diary import Diary
@@ -28,7 +28,6 @@ from manip3d.diary._records import (
     local_day,
 )
 from manip3d.diary._trends import Point, change_a_week, pain_chart, require_scipy, trend
-from manip3d.errors import InputError
 from manip3d.io._files import atomic_folder, atomic_write, refuse_other_files
 
 _STYLE = """
@@ -97,8 +96,7 @@ def write_page(
     ...     write_page(diary, "P01.html", "P01")
     """
     target = path_of(output, "output")
-    if target.exists() and not overwrite:
-        raise InputError(f"output: {target} exists already; --force (overwrite=True) replaces it")
+    refuse_existing(target, overwrite=overwrite, name="output")
     text = _page(diary, identifier, today or date.today(), clips)
     diary.note_export(identifier)
     atomic_write(target, text)
@@ -153,8 +151,7 @@ def write_overview(
     """
     require_scipy()
     target = path_of(output, "output")
-    if target.exists() and not overwrite:
-        raise InputError(f"output: {target} exists already; --force (overwrite=True) replaces it")
+    refuse_existing(target, overwrite=overwrite, name="output")
     refuse_other_files(target, is_page_of_overview)
     day = today or date.today()
     people = [person.identifier for person in diary.participants()]

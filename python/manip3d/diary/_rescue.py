@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from manip3d._util.checked import checked
-from manip3d._util.paths import path_of
+from manip3d._util.paths import path_of, refuse_existing
 from manip3d._util.reprs import short_repr
 from manip3d.diary import _schema as schema
 from manip3d.diary._file import (
@@ -115,8 +115,7 @@ def rescue_diary(
     opener = require_key_material(key)
     if target.exists() and not target.is_file():  # a device, which a file would replace
         raise InputError(f"output: expected the name of a regular file, got {target}")
-    if target.exists() and not overwrite:
-        raise InputError(f"output: {target} exists already; --force (overwrite=True) replaces it")
+    refuse_existing(target, overwrite=overwrite, name="output")
     if target.exists() and source.exists() and target.samefile(source):
         raise InputError(f"output: expected another file than the diary, got {target}")
     expect_regular_file(source)

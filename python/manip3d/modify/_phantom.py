@@ -105,7 +105,8 @@ _MESSAGES = {
     "picture, or it is the one that is missing.",
     PhantomReason.INFERRED: "The tracker only guesses where the intact limb is: see to it that the "
     "camera sees all of it, and that the missing limb is the one that was chosen.",
-    PhantomReason.NO_SKELETON: "There is no skeleton in this source: use --pose.",
+    PhantomReason.NO_SKELETON: "There is no skeleton in this source: modify.PoseTracker finds the "
+    "joints in colour images.",
     PhantomReason.CALIBRATION: "The joints do not fit the depth image: check the calibration, that "
     "both are in metres, and that the camera measures the depth of the clothes.",
     PhantomReason.STOPPED: "The joints stand still while the patient moves: start the tracker "

@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from manip3d.modify import BodyColliders, PhantomFrame
 
 _ENHANCED = {"arm": ("Shoulder", "Elbow"), "leg": ("Hip", "Knee", "Ankle")}
+NO_SKELETON = "There is no skeleton in this source: use --pose."
 NO_COLOR = "The source has no colour images, in which --pose would find the joints."
 _PEOPLE = 64  # number of people whose numbers are remembered
 _FRAMES = 90  # number of frames over which times of stages are averaged
@@ -511,8 +512,9 @@ class LiveSession:
                 "axes": rounded(colliders.torso_axes.T),
                 "half": rounded(colliders.torso_half_size),
             }
-        lacks_color = self._finds_joints and shown.reason == PhantomReason.NO_SKELETON
-        message = NO_COLOR if lacks_color else shown.message
+        message = shown.message
+        if shown.reason == PhantomReason.NO_SKELETON:
+            message = NO_COLOR if self._finds_joints else NO_SKELETON
         return {
             "state": shown.state.value,
             "reason": shown.reason.value,

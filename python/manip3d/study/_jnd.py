@@ -17,6 +17,7 @@ from manip3d._util.checked import checked
 from manip3d._util.csv_tables import csv_records
 from manip3d._util.extras import imported
 from manip3d._util.options import generator_of
+from manip3d._util.paths import refuse_existing
 from manip3d._util.reprs import short_repr
 from manip3d._util.texts import float_or_nan
 from manip3d.errors import FormatError, InputError
@@ -768,8 +769,7 @@ def make_jnd_stimuli(
 
     if study.stimuli is None or study.base is None:
         raise InputError("study: expected a study that was read from a file")
-    if study.stimuli.exists() and not overwrite:
-        raise InputError(f"{study.stimuli}: exists already; --force (overwrite=True) replaces it")
+    refuse_existing(study.stimuli, overwrite=overwrite)
     refuse_other_stimuli(study.stimuli, LEVELS)
     found: list[JndLevel] = []
     total = len(study.conditions) * len(study.levels)

@@ -13,7 +13,7 @@ from typing import Any
 
 from manip3d._util.checked import checked
 from manip3d._util.html import html_table
-from manip3d._util.paths import path_of
+from manip3d._util.paths import path_of, refuse_existing
 from manip3d.errors import InputError
 from manip3d.io._files import atomic_folder
 from manip3d.study._engine import Study, is_screen, scale_of, screen_step, state_of
@@ -109,13 +109,11 @@ def write_results(
     ['answers.csv', 'participants.csv']
     """
     target = path_of(output)
-    if target.exists():
-        if not overwrite:
-            raise InputError(
-                f"output: {target} exists already; --force (overwrite=True) replaces it"
-            )
-        if not target.is_dir() or any(each.name not in FILES for each in target.iterdir()):
-            raise InputError(f"output: expected a folder of results, got {target}")
+    refuse_existing(target, overwrite=overwrite, name="output")
+    if target.exists() and (
+        not target.is_dir() or any(each.name not in FILES for each in target.iterdir())
+    ):
+        raise InputError(f"output: expected a folder of results, got {target}")
     sessions = [s for s in folder.sessions.values() if state_of(study, s) != "declined"]
     sessions.sort(key=lambda session: session.number)
     rows = study.summary(sessions)

@@ -14,7 +14,7 @@ import numpy as np
 
 from manip3d._util.checked import checked
 from manip3d._util.extras import require
-from manip3d._util.paths import path_of
+from manip3d._util.paths import path_of, refuse_existing
 from manip3d.errors import InputError
 from manip3d.io._files import atomic_folder, open_regular, regular_bytes
 from manip3d.study._engine import SHOWABLE
@@ -192,8 +192,7 @@ def make_rating_stimuli(
         )
     _check_composition(wanted)
     target = path_of(output)
-    if target.exists() and not overwrite:
-        raise InputError(f"output: {target} exists already; --force (overwrite=True) replaces it")
+    refuse_existing(target, overwrite=overwrite, name="output")
     refuse_other_stimuli(target, MANIFEST)
     require("simulate")
     plan = _planned(wanted, examples=examples, surfaces=surfaces)
@@ -319,8 +318,7 @@ def copy_rating_stimuli(
     source, target = path_of(images, "images"), path_of(output)
     if not source.is_dir():
         raise InputError(f"images: expected a folder, got {source}")
-    if target.exists() and not overwrite:
-        raise InputError(f"output: {target} exists already; --force (overwrite=True) replaces it")
+    refuse_existing(target, overwrite=overwrite, name="output")
     refuse_other_stimuli(target, MANIFEST)
     if target.resolve().is_relative_to(source.resolve()):
         raise InputError("output: expected a folder beside that of the images, not within it")
