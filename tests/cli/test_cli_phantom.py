@@ -109,8 +109,10 @@ def test_a_folder_of_images_gets_its_camera_and_a_word_about_joints(tmp_path: Pa
     refused = str(run(*words).exception)
     assert "expected the camera of its images (--intrinsics, or camera= in Python)" in refused
     camera = ("--intrinsics", "60,60,31.5,23.5", "--units-per-metre", "5000")
-    done = run(*words, *camera)
+    done = run(*words, *camera, "--json")
     assert done.exit_code == 1, done.output  # the pictures show no phantom limb
+    told = json.loads(done.stdout)["messages"]
+    assert told == {"There is no skeleton in this source: use --pose.": 2}
     assert "2 frames, right arm; no frame of the source has a skeleton" in done.stderr
     assert "nor a colour image, in which --pose would find the joints" in done.stderr
     assert "not in view" not in done.stderr  # nobody was looked for
