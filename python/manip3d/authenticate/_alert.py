@@ -106,13 +106,17 @@ class AlertMonitor:
 
     Examples
     --------
-    >>> import numpy as np
-    >>> from manip3d import LidarFrame
+    >>> import math
+    >>> from manip3d import forge, simulate
     >>> from manip3d.authenticate import AlertMonitor
-    >>> monitor = AlertMonitor()
-    >>> alert = monitor.judge(LidarFrame(np.zeros((0, 3), np.float32)), speed_mps=10.0)
-    >>> alert.verdict
-    'undecidable'
+    >>> monitor = AlertMonitor(budget_s=math.inf)
+    >>> frame = simulate.courtyard()
+    >>> monitor.judge(frame, speed_mps=10.0).verdict
+    'no_trace'
+    >>> forged = forge.subtract(frame, forge.nearest_object(frame)).frame
+    >>> alert = monitor.judge(forged, speed_mps=10.0)
+    >>> alert.verdict, alert.risk.level
+    ('tampered', 'low')
     """
 
     @checked

@@ -123,11 +123,11 @@ def inspect_drive(
 
     Examples
     --------
-    >>> import numpy as np
-    >>> from manip3d import LidarFrame, authenticate
-    >>> empty = LidarFrame(np.zeros((0, 3), np.float32))
-    >>> [found.verdict for found in authenticate.inspect_drive([empty, empty])]
-    ['undecidable', 'undecidable']
+    >>> from manip3d import authenticate, forge, simulate
+    >>> drive = [simulate.courtyard(x, rng=k) for k, x in enumerate((-1.0, 0.0, 1.0))]
+    >>> drive[1] = forge.subtract(drive[1], forge.nearest_object(drive[1])).frame
+    >>> [found.verdict for found in authenticate.inspect_drive(drive)]
+    ['no_trace', 'tampered', 'no_trace']
     """
     _check_each("frames", frames, LidarFrame)
     _check_each("numbers", numbers, int, np.integer)
@@ -504,11 +504,13 @@ def verdict_of_drive(
 
     Examples
     --------
-    >>> import numpy as np
-    >>> from manip3d import authenticate
-    >>> empty = authenticate.inspect(np.zeros((0, 3), np.float32))
-    >>> authenticate.verdict_of_drive([empty, None])
-    ('undecidable', '2 of 2 scans')
+    >>> from manip3d import authenticate, simulate
+    >>> drive = [simulate.courtyard(x, rng=k) for k, x in enumerate((-0.5, 0.5))]
+    >>> found = list(authenticate.inspect_drive(drive))
+    >>> authenticate.verdict_of_drive(found)
+    ('no_trace', '2 of 2 scans')
+    >>> authenticate.verdict_of_drive([*found, None])  # a missing frame
+    ('undecidable', '1 of 3 scans')
     """
     _check_each("numbers", numbers, int, np.integer)
     places = list(range(len(found)) if numbers is None else numbers)

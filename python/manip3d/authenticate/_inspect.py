@@ -180,10 +180,17 @@ def inspect(
 
     Examples
     --------
-    >>> import numpy as np
-    >>> import manip3d
-    >>> manip3d.authenticate.inspect(np.zeros((0, 3), np.float32)).verdict
-    'undecidable'
+    >>> from manip3d import authenticate, forge, simulate
+    >>> scan = simulate.courtyard()
+    >>> authenticate.inspect(scan).verdict
+    'no_trace'
+    >>> head = simulate.models.head(2000)
+    >>> forged = forge.ctp(scan, head, position=(5.0, 0.0, -1.0), scale=3.0)
+    >>> found = authenticate.inspect(forged.frame)
+    >>> found.verdict, found.reason
+    ('tampered', 'detector III: points lie where the sensor cannot measure')
+    >>> [round(metres) for metres in found.regions[0].box.center]
+    [5, 0, -1]
     """
     return inspect_beside(
         frame, left_out_of_turn, previous=previous, following=following, lattice=lattice,

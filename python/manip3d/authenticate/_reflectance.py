@@ -293,12 +293,18 @@ def reflectance_consistency(
 
     Examples
     --------
-    >>> import numpy as np
-    >>> from manip3d import LidarFrame, authenticate
-    >>> nothing = LidarFrame(np.zeros((0, 3), np.float32))
+    >>> from dataclasses import replace
+    >>> from manip3d import authenticate, forge, simulate
+    >>> frame = simulate.courtyard()
     >>> lattice = authenticate.kitti_lattice()
-    >>> authenticate.reflectance_consistency(nothing, lattice=lattice).verdict
-    'undecidable'
+    >>> authenticate.reflectance_consistency(frame, lattice=lattice).verdict
+    'no_trace'
+    >>> painted = frame.intensity.copy()
+    >>> painted[forge.nearest_object(frame).contains(frame.points)] = 0.5
+    >>> forged = replace(frame, intensity=painted)
+    >>> found = authenticate.reflectance_consistency(forged, lattice=lattice)
+    >>> found.verdict, found.regions[0].kind
+    ('tampered', 'even')
     """
     return reflectances_read(
         None, frame, lattice, previous=previous, following=following, turns=turns,

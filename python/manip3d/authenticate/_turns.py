@@ -248,12 +248,15 @@ def turn_consistency(
 
     Examples
     --------
-    >>> import numpy as np
-    >>> from manip3d import authenticate
-    >>> nothing = np.zeros((0, 3), np.float32)
+    >>> from manip3d import authenticate, forge, simulate
+    >>> before, frame, after = (simulate.courtyard(x, rng=k) for k, x in enumerate((-1, 0, 1)))
     >>> lattice = authenticate.kitti_lattice()
-    >>> authenticate.turn_consistency(nothing, nothing, nothing, lattice=lattice).verdict
-    'undecidable'
+    >>> authenticate.turn_consistency(frame, before, after, lattice=lattice).verdict
+    'no_trace'
+    >>> forged = forge.subtract(frame, forge.nearest_object(frame)).frame
+    >>> found = authenticate.turn_consistency(forged, before, after, lattice=lattice)
+    >>> found.verdict, found.regions[0].kind
+    ('tampered', 'lost')
     """
     for other, name in ((previous, "before"), (following, "after")):
         if (apart := apart_ns(frame, other)) > MAX_APART_NS:

@@ -157,13 +157,13 @@ def watch_drive(
 
     Examples
     --------
-    >>> import numpy as np
-    >>> from manip3d import LidarFrame
+    >>> import math
+    >>> from manip3d import simulate
     >>> from manip3d.authenticate import AlertMonitor, DriveMoment, watch_drive
-    >>> empty = DriveMoment(LidarFrame(np.zeros((0, 3), np.float32)))
-    >>> watched = watch_drive(AlertMonitor(), [empty, empty])
+    >>> drive = [DriveMoment(simulate.courtyard(x, rng=k)) for k, x in enumerate((-0.5, 0.5))]
+    >>> watched = watch_drive(AlertMonitor(budget_s=math.inf), drive)
     >>> watched.verdict, watched.num_frames
-    ('undecidable', 2)
+    ('no_trace', 2)
     """
     tally = AlertTally()
     errors: list[BaseException] = []

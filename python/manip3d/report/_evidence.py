@@ -64,13 +64,14 @@ def write_evidence(
     --------
     >>> import json
     >>> from pathlib import Path
-    >>> import numpy as np
-    >>> from manip3d import authenticate, report
-    >>> found = authenticate.inspect(np.zeros((0, 3), np.float32))
+    >>> from manip3d import authenticate, forge, report, simulate
+    >>> scan = simulate.courtyard()
+    >>> forged = forge.subtract(scan, forge.nearest_object(scan))
+    >>> found = authenticate.inspect(forged.frame)
     >>> report.write_evidence(found, "scan.json", source="scan.bin")
     >>> record = json.loads(Path("scan.json").read_text())
     >>> record["source"], record["verdict"]
-    ('scan.bin', 'undecidable')
+    ('scan.bin', 'tampered')
     """
     write_page_or_record(
         output,

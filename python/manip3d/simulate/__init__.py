@@ -13,6 +13,7 @@ from manip3d.simulate.people import (
     cast_mesh,
     opposite,
 )
+from manip3d.simulate.small_scans import cave, courtyard
 from manip3d.simulate.sources import open_drive, open_source, watched_street
 from manip3d.simulate.streets import Street, street
 from manip3d.simulate.terrestrial import TerrestrialScan, terrestrial_scan
@@ -29,6 +30,8 @@ __all__ = [
     "Street",
     "TerrestrialScan",
     "cast_mesh",
+    "cave",
+    "courtyard",
     "depth",
     "drive",
     "hdl64e",

@@ -229,9 +229,9 @@ def hdl64e(
     if not (2.0 < max_range <= 120.0):
         raise InputError(f"max_range: expected 2 < metres <= 120, got {max_range}")
     random = generator_of(rng)
-    encoder, moment = _firings(time, random)
-    firing, ring = _free_beams(encoder)
-    start, direction = _beams(encoder[firing], ring)
+    encoder, moment = firings(time, random)
+    firing, ring = free_beams(encoder)
+    start, direction = beams(encoder[firing], ring)
 
     origin, aim = _in_world(street, moment, firing, start, direction)
     stage = street.stage
@@ -248,11 +248,10 @@ def hdl64e(
 
     k = np.flatnonzero(returned)
     noise = _LASER_ERROR[ring[k]] * laser_bias + range_noise * random.standard_normal(len(k))
-    measured = _on_range_steps(hits.distance[k] + noise, ring[k])
-    points = np.round((start[k] + direction[k] * measured[:, None]) * 1000.0) / 1000.0
+    points = measured_points(start[k], direction[k], hits.distance[k] + noise, ring[k])
     near = np.linalg.norm(points, axis=1) <= max_range
     points, k = points[near].astype(np.float32), k[near]
-    order = _kitti_order(points, ring[k])
+    order = kitti_order(points, ring[k])
     points, k = points[order], k[order]
     spot = np.float32(DIVERGENCE) * hits.distance[k]
     pattern = stage.shader.brightness(hits.face[k], hits.uv[k], spot)
@@ -260,14 +259,13 @@ def hdl64e(
     speckle = _speckle(len(stage.surfaces))[surface[k]]
     columns = (
         points,
-        _intensity(reflectance, cosine[k], echo[k] * pattern, ring[k], speckle, random),
+        reflectances(reflectance, cosine[k], echo[k] * pattern, ring[k], speckle, random),
         ring[k].astype(np.uint8),
         stage.face_label[hits.face[k]],
         hits.object[k],
         firing[k].astype(np.uint16),
     )
-    p, i, of_ring, label, of_object, fired = _with_own_car(columns, encoder, laser_bias)
-    return LidarScan(p, i, of_ring, label, of_object, fired, encoder, moment)
+    return with_own_car(columns, encoder, moment, laser_bias)
 
 
 def _in_world(
@@ -285,7 +283,7 @@ def _in_world(
     return origin, np.einsum("nij,nj->ni", to_world, direction.astype(np.float32))
 
 
-def _firings(time: float, random: np.random.Generator) -> tuple[NDArray[np.int16], Doubles]:
+def firings(time: float, random: np.random.Generator) -> tuple[NDArray[np.int16], Doubles]:
     """Encoder values and times of the firings of one sweep.
 
     The head turns uniformly except for a wobble of about half an encoder step.
@@ -305,7 +303,7 @@ def _firings(time: float, random: np.random.Generator) -> tuple[NDArray[np.int16
     return encoder[once].astype(np.int16), time + moment[once] - SEAM / ENCODER_STEPS * period
 
 
-def _beams(encoder: NDArray[np.int16], ring: NDArray[np.int64]) -> tuple[Doubles, Doubles]:
+def beams(encoder: NDArray[np.int16], ring: NDArray[np.int64]) -> tuple[Doubles, Doubles]:
     """Origins and unit directions of the beams in the sensor's frame, at given encoder values."""
     table = lasers()
     azimuth = np.radians(STEP_DEG * encoder + table.azimuth_deg[ring])
@@ -375,17 +373,20 @@ def _hidden() -> NDArray[np.bool_]:
     return hidden
 
 
-def _free_beams(encoder: NDArray[np.int16]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def free_beams(encoder: NDArray[np.int16]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Firing and ring of all beams that the own car does not hide, firing by firing."""
     free = ~_hidden()[:, encoder.astype(np.int64) % ENCODER_STEPS].T
     firing, ring = np.nonzero(free)
     return firing, ring
 
 
-def _with_own_car(
-    columns: tuple[NDArray[Any], ...], encoder: NDArray[np.int16], laser_bias: float
-) -> list[NDArray[Any]]:
-    """The columns of a sweep (points to firing) with the returns of the own car's posts."""
+def with_own_car(
+    columns: tuple[NDArray[Any], ...],
+    encoder: NDArray[np.int16],
+    moment: Doubles,
+    laser_bias: float,
+) -> LidarScan:
+    """The sweep of the columns (points to firing) with the returns of the own car's posts."""
     azimuth = STEP_DEG * encoder + lasers().azimuth_deg[_POST_LASER]
     azimuth = 180.0 - (180.0 - azimuth) % 360.0
     reach = np.nansum(
@@ -393,16 +394,17 @@ def _with_own_car(
     )
     firing = np.flatnonzero(reach)
     ring = np.full(len(firing), _POST_LASER)
-    start, direction = _beams(encoder[firing], ring)
-    measured = _on_range_steps(reach[firing] + laser_bias * _LASER_ERROR[_POST_LASER], ring)
-    points = np.round((start + direction * measured[:, None]) * 1000.0) / 1000.0
+    start, direction = beams(encoder[firing], ring)
+    distance = reach[firing] + laser_bias * _LASER_ERROR[_POST_LASER]
+    points = measured_points(start, direction, distance, ring)
     own = (points, 0.0 * reach[firing], ring, np.full_like(ring, Label.CAR), np.full_like(ring, -1))
     with_own = [
         np.concatenate([column, more.astype(column.dtype)])
         for column, more in zip(columns, (*own, firing), strict=True)
     ]
-    order = _kitti_order(with_own[0], with_own[2])
-    return [column[order] for column in with_own]
+    order = kitti_order(with_own[0], with_own[2])
+    points, intensity, of_ring, label, of_object, fired = (column[order] for column in with_own)
+    return LidarScan(points, intensity, of_ring, label, of_object, fired, encoder, moment)
 
 
 def _echo(
@@ -427,13 +429,19 @@ def _speckle(surfaces: int) -> Floats:
     return np.exp(random.normal(0.0, SPECKLE, surfaces)).astype(np.float32)
 
 
-def _on_range_steps(distance: Doubles, ring: NDArray[np.int64]) -> Doubles:
-    """Ranges rounded to the sensor's steps of 2 mm from the laser's offset."""
+def measured_points(
+    start: Doubles, direction: Doubles, distance: Doubles, ring: NDArray[np.int64]
+) -> Doubles:
+    """Points at distances along beams.
+
+    Ranges are rounded to the sensor's steps of 2 mm from the laser's offset, coordinates to 1 mm.
+    """
     offset = lasers().range_offset_mm[ring]
-    return (2.0 * np.round((1000.0 * distance - offset) / 2.0) + offset) / 1000.0
+    measured = (2.0 * np.round((1000.0 * distance - offset) / 2.0) + offset) / 1000.0
+    return np.round((start + direction * measured[:, None]) * 1000.0) / 1000.0
 
 
-def _intensity(
+def reflectances(
     reflectance: Floats,
     cosine: Floats,
     echo: Floats,
@@ -451,7 +459,7 @@ def _intensity(
     return (np.clip(np.round(glow * 100.0), 0, 99) / 100.0).astype(np.float32)
 
 
-def _kitti_order(points: Floats, ring: NDArray[np.int64]) -> NDArray[np.int64]:
+def kitti_order(points: Floats, ring: NDArray[np.int64]) -> NDArray[np.int64]:
     """Order of points by ring from the top, and by azimuth in 0 to 360 degrees."""
     azimuth = np.arctan2(*points[:, 1::-1].T.astype(float)) % (2.0 * np.pi)
     return np.lexsort((azimuth, ring))
