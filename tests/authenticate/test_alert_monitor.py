@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import inspect
 import json
 import math
 import re
@@ -34,6 +35,7 @@ from manip3d.authenticate import (
     WitnessReport,
     _alert,
     verdict_of_alerts,
+    verdict_of_stream,
     watch_drive,
 )
 from manip3d.authenticate._alert_observations import _to_ahead, attack_observations
@@ -539,7 +541,7 @@ def test_cameras_doubt_a_drive_where_they_accuse_more_frames_than_by_chance(
         alerts = [alert_of(watermark, "tampered" if n < accused else "no_trace")
                   for n in range(frames)]  # fmt: skip
         assert sum(alert.verdict == "undecidable" for alert in alerts) == accused
-        return verdict_of_alerts(alerts)
+        return verdict_of_alerts(alerts, whole=False)
 
     for watermark, calm in (("authentic", "authentic"), ("absent", "no_trace")):
         assert verdict_of(0, watermark)[0] == calm
@@ -566,7 +568,7 @@ def test_chance_excuses_the_cameras_only() -> None:
         (alert_of("authentic", "tampered"), "authentic"),
         (alert_of("authentic", "absent"), "authentic"),
     ):
-        assert verdict_of_alerts([*calm, other])[0] == verdict
+        assert verdict_of_alerts([*calm, other], whole=False)[0] == verdict
     unheard = [alert_of("authentic", "absent")] * 1000  # frames that cameras did not judge
     some = [alert_of("authentic", "tampered")] * 3
     assert verdict_of_alerts([*unheard, *some])[0] == "undecidable"
@@ -581,11 +583,16 @@ def test_a_drive_that_was_cut_is_not_authentic(tmp_path: Path) -> None:
             monitor.judge(each.frame, record=each.record, speed_mps=1.0).brief() for each in sent
         ]
     assert all(alert.watermark is not None and alert.watermark.scan is None for alert in alerts)
-    assert verdict_of_alerts(alerts, whole=True)[0] == "authentic"
-    verdict, reason = verdict_of_alerts(alerts[:2], whole=True)
+    assert verdict_of_alerts(alerts)[0] == "authentic"
+    verdict, reason = verdict_of_alerts(alerts[:2])
     assert verdict == "undecidable"
     assert "end are missing" in reason
-    assert verdict_of_alerts(alerts[:2])[0] == "authentic"
+    assert verdict_of_alerts(alerts[:2], whole=False)[0] == "authentic"
+
+
+def test_every_verdict_on_a_drive_wants_a_whole_one_unless_told_otherwise() -> None:
+    for judge in (verdict_of_stream, verdict_of_alerts, AlertTally.verdict, watch_drive):
+        assert inspect.signature(judge).parameters["whole"].default is True
 
 
 def test_an_error_of_the_caller_is_no_verdict_on_the_drive() -> None:
@@ -812,7 +819,7 @@ def test_a_long_drive_keeps_few_bytes_of_a_frame(tmp_path: Path) -> None:
                 gc.collect()
                 kept.append(tracemalloc.get_traced_memory()[0])
         tracemalloc.stop()
-    assert tally.verdict()[0] == "authentic"
+    assert tally.verdict(whole=False)[0] == "authentic"
     assert kept[1] - kept[0] < 100 * 300  # bytes; the risk looks back at most 720 frames
 
 

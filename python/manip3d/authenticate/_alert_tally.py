@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal, TypeAlias
 
 from manip3d._util.checked import checked
 from manip3d._util.shares import binomial_tail
@@ -15,9 +15,15 @@ from manip3d.errors import InputError
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+DriveVerdict: TypeAlias = Literal["authentic", "no_trace", "tampered", "undecidable"]
+_LOUD: tuple[DriveVerdict, ...] = ("tampered", "undecidable")
+"""Verdicts of single frames that decide on the drive, the gravest first."""
+
 
 @checked
-def verdict_of_alerts(alerts: Sequence[Alert], *, whole: bool = False) -> tuple[str, str]:
+def verdict_of_alerts(
+    alerts: Sequence[Alert], *, whole: bool = True
+) -> tuple[DriveVerdict, str]:
     """Return the verdict of several frames, and its reason.
 
     Parameters
@@ -26,7 +32,7 @@ def verdict_of_alerts(alerts: Sequence[Alert], *, whole: bool = False) -> tuple[
         Alerts in the order of the stream. Results of `Alert.brief` are accepted, too.
     whole : bool
         Require one complete session of the watermark, from its first frame to the frame that is
-        marked as its last, as in `verdict_of_stream`.
+        marked as its last, as in `verdict_of_stream`. Without a watermark it has no effect.
 
     Returns
     -------
@@ -39,7 +45,7 @@ def verdict_of_alerts(alerts: Sequence[Alert], *, whole: bool = False) -> tuple[
     Raises
     ------
     InputError
-        No frames.
+        ``alerts`` is empty, or holds an item of another type.
 
     Notes
     -----
@@ -116,7 +122,7 @@ class AlertTally:
             self._stream.add(alert.watermark)
 
     @checked
-    def verdict(self, *, whole: bool = False) -> tuple[str, str]:
+    def verdict(self, *, whole: bool = True) -> tuple[DriveVerdict, str]:
         """Return the verdict of the frames so far, and its reason.
 
         Parameters
@@ -156,23 +162,23 @@ class _Gravest:
         self.count = 0
         self._first = ""
         self._every_authentic = True
-        self._loud: dict[str, tuple[str, int]] = {}  # first reason, number of frames
+        self._loud: dict[DriveVerdict, tuple[str, int]] = {}  # first reason, number of frames
 
     def add(self, verdict: str, reason: str) -> None:
         self._first = self._first if self.count else reason
         self.count += 1
         self._every_authentic = self._every_authentic and verdict == "authentic"
-        name = "undecidable" if verdict == "skipped" else verdict
-        if name in ("tampered", "undecidable"):
-            first, frames = self._loud.get(name, (reason, 0))
-            self._loud[name] = first, frames + 1
+        for name in _LOUD:
+            if name == ("undecidable" if verdict == "skipped" else verdict):
+                first, frames = self._loud.get(name, (reason, 0))
+                self._loud[name] = first, frames + 1
 
-    def verdict(self) -> tuple[str, str]:
-        for name in ("tampered", "undecidable"):
+    def verdict(self) -> tuple[DriveVerdict, str]:
+        for name in _LOUD:
             if name in self._loud:
                 reason, frames = self._loud[name]
                 return name, f"{reason} ({frames} of {self.count} frames)"
-        verdict = "authentic" if self._every_authentic else "no_trace"
+        verdict: DriveVerdict = "authentic" if self._every_authentic else "no_trace"
         return verdict, f"{self._first} ({counted(self.count, 'frame')})"
 
 

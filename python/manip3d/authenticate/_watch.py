@@ -15,7 +15,7 @@ from manip3d._util.extras import why_blind
 from manip3d._util.mappings import ReadOnlyMapping
 from manip3d._util.texts import counted
 from manip3d.authenticate._alert import AlertMonitor
-from manip3d.authenticate._alert_tally import AlertTally
+from manip3d.authenticate._alert_tally import AlertTally, DriveVerdict
 from manip3d.authenticate._alert_verdict import Alert, WitnessReport
 from manip3d.authenticate._risk import is_plausible
 from manip3d.authenticate._stereo import StereoRig
@@ -103,7 +103,7 @@ class DriveWatch:
         Error or interruption that ended the drive; None: it ended normally.
     """
 
-    verdict: str
+    verdict: DriveVerdict
     reason: str
     num_frames: int
     stopped: BaseException | None = None
@@ -116,7 +116,7 @@ def watch_drive(
     *,
     speed_mps: float = 10.0,
     live: bool = False,
-    whole: bool = False,
+    whole: bool = True,
     show: Callable[[Alert], object] | None = None,
 ) -> DriveWatch:
     """Judge the moments of a drive one after the other, and return the combined verdict.
@@ -139,7 +139,8 @@ def watch_drive(
         Play in real time: wait for the time of each moment, and skip moments that are more than one
         second late.
     whole : bool
-        Require one complete session of the watermark, as in `AlertTally.verdict`.
+        Require one complete session of the watermark, as in `verdict_of_alerts`. Give False for a
+        part of a drive, and for a stream that goes on.
     show : callable, optional
         Function that is called with each `Alert`, in order. An error that it raises is raised again
         after the forensics in the background have finished; it has no effect on the verdict.
@@ -209,7 +210,9 @@ def _until_error(alerts: Iterator[Alert], errors: list[BaseException]) -> Iterat
         errors.append(error)
 
 
-def _until(stopped: BaseException, count: int, verdict: str, reason: str) -> tuple[str, str]:
+def _until(
+    stopped: BaseException, count: int, verdict: DriveVerdict, reason: str
+) -> tuple[DriveVerdict, str]:
     """The verdict on a drive of which only the frames before an error were judged."""
     why = "it was interrupted" if isinstance(stopped, KeyboardInterrupt) else str(stopped)
     ended = f"ended after {counted(count, 'frame')}: {why}"
