@@ -128,3 +128,21 @@ def test_a_retired_name_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
         "num_triangles": ["manip3d.metrics"],
         "num_tris": ["manip3d.metrics.num_triangles()"],
     }
+
+
+SHARED_NAMES = {
+    "film": "diary.film renders a diary, viewer.film takes any pictures",
+    "open_drive": "capture opens a recorded drive, simulate a simulated one",
+    "run": "batch.run runs a task on many files, experiments.run experiments",
+}
+"""Functions of one name in two rooms, and why: they do the same for different inputs."""
+
+
+def test_functions_of_two_rooms_have_different_names() -> None:
+    rooms: dict[str, set[str]] = {}
+    for module in public_modules():
+        for name in getattr(module, "__all__", ()):
+            function = getattr(module, name)
+            if inspect.isfunction(function):
+                rooms.setdefault(name, set()).add(inspect.unwrap(function).__module__)
+    assert {name for name, where in rooms.items() if len(where) > 1} == set(SHARED_NAMES)

@@ -99,7 +99,7 @@ def test_unknown_cleaning_is_refused() -> None:
 
     mesh = Mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])
     with pytest.raises(InputError, match="cleaning: expected 'stored', 'welded'"):
-        datasets.clean(mesh, "washed")  # type: ignore[arg-type]
+        datasets.apply_cleaning(mesh, "washed")  # type: ignore[arg-type]
 
 
 def test_wrong_bytes_are_refused(tmp_path: Path) -> None:

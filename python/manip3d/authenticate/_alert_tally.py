@@ -21,9 +21,7 @@ _LOUD: tuple[DriveVerdict, ...] = ("tampered", "undecidable")
 
 
 @checked
-def verdict_of_alerts(
-    alerts: Sequence[Alert], *, whole: bool = True
-) -> tuple[DriveVerdict, str]:
+def verdict_of_alerts(alerts: Sequence[Alert], *, whole: bool = True) -> tuple[DriveVerdict, str]:
     """Return the verdict of several frames, and its reason.
 
     Parameters

@@ -10,7 +10,14 @@ Other packages add data sets through entry points of the group ``manip3d.dataset
 from __future__ import annotations
 
 from manip3d.datasets._fetch import FetchError, fetch, is_fetchable, steps_by_hand
-from manip3d.datasets._load import CLEANINGS, Cleaning, clean, load_mesh, provenance, source_of
+from manip3d.datasets._load import (
+    CLEANINGS,
+    Cleaning,
+    apply_cleaning,
+    load_mesh,
+    provenance,
+    source_of,
+)
 from manip3d.datasets._registry import (
     ENTRY_POINTS,
     ChecksumError,
@@ -66,8 +73,8 @@ __all__ = [
     "RangeScan",
     "RgbdSequence",
     "StandIn",
+    "apply_cleaning",
     "cache_folder",
-    "clean",
     "data_folder_problem",
     "data_root",
     "fetch",

@@ -35,7 +35,7 @@ _OPTIONS: dict[str, dict[str, Any]] = {
 
 
 @checked
-def clean(mesh: Mesh, cleaning: Cleaning) -> Mesh:
+def apply_cleaning(mesh: Mesh, cleaning: Cleaning) -> Mesh:
     """Return the mesh after one of `CLEANINGS`.
 
     Parameters
@@ -61,7 +61,7 @@ def clean(mesh: Mesh, cleaning: Cleaning) -> Mesh:
     >>> from manip3d import Mesh, datasets
     >>> twice = np.vstack([np.eye(3), np.eye(3)])  # two triangles, and each vertex is there twice
     >>> mesh = Mesh(twice, [[0, 1, 2], [3, 5, 4]])
-    >>> sorted(datasets.CLEANINGS), len(datasets.clean(mesh, "welded").vertices)
+    >>> sorted(datasets.CLEANINGS), len(datasets.apply_cleaning(mesh, "welded").vertices)
     (['any-unwelded', 'any-welded', 'stored', 'welded'], 3)
     """
     if cleaning == "stored":
@@ -90,17 +90,17 @@ DERIVED: dict[str, tuple[str, Callable[[Mesh], Mesh]]] = {
 
 @checked
 def source_of(name: str) -> str:
-    """Return the data set of a mesh: its own name, or the data set from which it is derived.
+    """Return the name of the data set from which a mesh is derived; of others, the name itself.
 
     Parameters
     ----------
     name : str
-        Name of a mesh.
+        Name of a mesh. It is not looked up: `get` refuses names of no data set.
 
     Returns
     -------
     str
-        Name of a data set.
+        Name of a data set; ``name`` if it is not the name of a derived mesh.
 
     Raises
     ------
@@ -153,7 +153,7 @@ def load_mesh(name: str, *, cleaning: Cleaning = "stored") -> Mesh:
         raise InputError(f"data set: expected a mesh, got {data_set.name!r} ({data_set.kind})")
     mesh = read_mesh(require(data_set.files[0], data_set.name))
     derive = DERIVED[name][1] if name in DERIVED else None
-    return clean(derive(mesh) if derive else mesh, cleaning)
+    return apply_cleaning(derive(mesh) if derive else mesh, cleaning)
 
 
 @checked

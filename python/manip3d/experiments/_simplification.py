@@ -149,7 +149,7 @@ def simplify_and_measure(case: Case) -> Row:
 
     options = case.options
     original = open_model(options)
-    cleaned = datasets.clean(original, options["cleaning"])
+    cleaned = datasets.apply_cleaning(original, options["cleaning"])
     target = options["faces_target"] or math.floor(original.num_faces * (options["level"] or 0.1))
     summary = cleaned.summary()
     started = time.perf_counter()
