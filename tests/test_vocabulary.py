@@ -131,7 +131,7 @@ def test_a_retired_name_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 SHARED_NAMES = {
-    "film": "diary.film renders a diary, viewer.film takes any pictures",
+    "film": "diary.film shows a clip of a diary, viewer.film a row of meshes",
     "open_drive": "capture opens a recorded drive, simulate a simulated one",
     "run": "batch.run runs a task on many files, experiments.run experiments",
 }

@@ -247,13 +247,16 @@ class Mesh(Showable):
 
     @property
     def bounds(self) -> NDArray[np.float64]:
-        """Lowest and highest corner, (2, 3), of the bounding box of the vertices used by faces."""
+        """Lowest and highest corner, (2, 3), of the bounding box of the vertices used by faces.
+
+        Both corners of a mesh without faces are (0, 0, 0), wherever its vertices are.
+        """
         box: NDArray[np.float64] = _core.bounding_box(self)
         return box
 
     @property
     def diagonal(self) -> float:
-        """Length of the bounding box's diagonal, in the mesh's units."""
+        """Length of the bounding box's diagonal, in the mesh's units; 0 without faces."""
         low, high = self.bounds
         return float(np.linalg.norm(high - low, axis=-1))
 

@@ -430,3 +430,10 @@ def test_frames_at_a_pace_are_a_sequence() -> None:
     for step in (-1.0, np.nan, np.inf):
         with pytest.raises(InputError, match="step_ns: expected a finite number >= 0"):
             forge.at_pace(slow, step)
+
+
+def test_poses_are_as_many_as_wanted() -> None:
+    recording = [frame(pose())] * (forge.NUM_POSES + 20)
+    assert len(forge.recorded_poses(recording)) == forge.NUM_POSES
+    assert len(forge.recorded_poses(recording, num_frames=forge.NUM_POSES + 10)) == 9010
+    assert len(forge.recorded_poses(recording[:5], num_frames=9010)) == 5

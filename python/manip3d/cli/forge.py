@@ -671,7 +671,8 @@ def _motion(
 
     if not pose.lower().endswith(".bvh"):
         with _open_bounded(pose, frames, terminal) as opened:
-            poses = forge.recorded_poses(opened, num_frames=frames)
+            most = forge.NUM_POSES if frames is None else frames
+            poses = forge.recorded_poses(opened, num_frames=most)
         if not any(frame.skeletons for frame in poses):
             raise InputError(f"--pose: expected skeletons, got frames without in {pose}")
         return forge.at_pace(poses, step_ns)

@@ -17,7 +17,7 @@ __getattr__, __dir__, __all__ = lazily(
         "_firings": "MAX_SPOOFED lattice_insert lattice_remove spoof",
         "_objects": "Segmentation nearest_object segment",
         "_plates": "background_plate without_people",
-        "_recorded": "MAX_KEPT RecordedPeople at_pace recorded_people recorded_poses",
+        "_recorded": "MAX_KEPT NUM_POSES RecordedPeople at_pace recorded_people recorded_poses",
         "_stream": "ForgedFrame ForgedStream StreamForger stream",
         "_stream_truth": "StreamTruth read_stream_truth",
         "_truth": "Forgery Lattice",

@@ -24,6 +24,7 @@ from manip3d.forge._objects import Segmentation, nearest_object, segment
 from manip3d.forge._plates import background_plate, without_people
 from manip3d.forge._recorded import (
     MAX_KEPT,
+    NUM_POSES,
     RecordedPeople,
     at_pace,
     recorded_people,
@@ -37,6 +38,7 @@ __all__ = [
     "ALERT_ATTACKS",
     "MAX_KEPT",
     "MAX_SPOOFED",
+    "NUM_POSES",
     "ForgedFrame",
     "ForgedStream",
     "Forgery",

@@ -21,7 +21,8 @@ MAX_KEPT = 300
 """Largest number of frames of a background or a motion in memory, and for estimating a background
 plate."""
 
-_MAX_POSES = 30 * MAX_KEPT  # skeletons are small: five minutes at 30 frames per second
+NUM_POSES = 30 * MAX_KEPT
+"""Default largest number of poses: five minutes at 30 frames per second."""
 _TIMED = 60  # number of first frames whose times determine the frame rate
 
 
@@ -112,17 +113,15 @@ def recorded_people(
 
 
 @checked
-def recorded_poses(
-    source: Iterable[RgbdFrame], *, num_frames: int | None = None
-) -> list[RgbdFrame]:
-    """Return at most 9000 frames with their skeletons only, which take little memory.
+def recorded_poses(source: Iterable[RgbdFrame], *, num_frames: int = NUM_POSES) -> list[RgbdFrame]:
+    """Return the first frames with their skeletons only, which take little memory.
 
     Parameters
     ----------
     source : iterable of RgbdFrame
         A sequence, or a source of `manip3d.capture.open_rgbd`.
-    num_frames : int, optional
-        Largest number of frames; None, or more than 9000: 9000, five minutes at 30 per second.
+    num_frames : int
+        Largest number of frames; the default is five minutes at 30 frames per second.
 
     Returns
     -------
@@ -143,7 +142,7 @@ def recorded_poses(
     (1, 0)
     """
     _check_frames_wanted(num_frames)
-    found = [_skeletons_only(f) for f in islice(source, min(num_frames or _MAX_POSES, _MAX_POSES))]
+    found = [_skeletons_only(frame) for frame in islice(source, num_frames)]
     if not found:
         raise InputError(f"{getattr(source, 'uri', 'source')}: expected a frame, found none")
     return found

@@ -124,7 +124,7 @@ def sample_depth_grid(
     max_edge: float | None = None,
     rng: Rng = 0,
 ) -> DepthSimplification:
-    """Reduce a range scan by a method that CS3 is compared with; see `sample_depth`.
+    """Reduce a range scan by a method that CS3 is compared with.
 
     Parameters
     ----------
@@ -133,12 +133,16 @@ def sample_depth_grid(
     valid : (H, W) bool, optional
         Measured points. Default: points whose three coordinates are all finite.
     target_points : int
-        Number of points to keep.
+        Largest number of vertices; the result is within 1 % of it if the method allows.
     method : 'uniform', 'poisson' or 'ssa'
-        Same as for `sample_depth`.
+        'uniform': a square lattice; 'poisson': points in random order, none within a radius of
+        another; 'ssa': zero crossings of the Laplacian of Gaussian along the rows (scale-space
+        analysis), which is meant for a single object.
     color : (H, W, 3 or 4) uint8, optional
+        Colour of each point, used as the mesh's texture.
     rows_up : bool
-        Same as for `dense_mesh_grid`.
+        Whether rows go upward as seen from the sensor (Stanford's scans), not downward (images).
+        This decides which side of the surface is the front.
     max_edge : float, optional
         Triangles with a longer edge are left out; in the unit of the points.
     rng : int, numpy.random.Generator or None
@@ -147,11 +151,13 @@ def sample_depth_grid(
     Returns
     -------
     DepthSimplification
+        The chosen points in row-major order, triangulated as those of CS3: a Delaunay triangulation
+        without the triangles whose centroid falls on a point that is not valid.
 
     Raises
     ------
     InputError
-        As `sample_depth`; a valid point is not finite.
+        A wrong shape or dtype, a valid point that is not finite, or an option out of range.
 
     Examples
     --------
