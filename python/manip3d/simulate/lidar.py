@@ -396,8 +396,8 @@ def with_own_car(
     ring = np.full(len(firing), _POST_LASER)
     start, direction = beams(encoder[firing], ring)
     distance = reach[firing] + laser_bias * _LASER_ERROR[_POST_LASER]
-    points = measured_points(start, direction, distance, ring)
-    own = (points, 0.0 * reach[firing], ring, np.full_like(ring, Label.CAR), np.full_like(ring, -1))
+    posts = measured_points(start, direction, distance, ring)
+    own = (posts, 0.0 * reach[firing], ring, np.full_like(ring, Label.CAR), np.full_like(ring, -1))
     with_own: list[NDArray[Any]] = [
         np.concatenate([column, more.astype(column.dtype)])
         for column, more in zip(columns, (*own, firing), strict=True)
