@@ -30,9 +30,9 @@ SINGLE = (
 
 
 def measured(folder: Path) -> dict[str, dict[str, Power]]:
-    """Measure the power by set of detectors, for `authenticate._power.MEASURED`."""
+    """Measure the power by set of detectors, for `authenticate._known_power.MEASURED`."""
     from manip3d.authenticate import kitti_lattice, measure_power
-    from manip3d.authenticate._power import EDITS, REFLECTANCE_EDITS, WHITE_BOX
+    from manip3d.authenticate._edits import EDITS, REFLECTANCE_EDITS, WHITE_BOX
     from manip3d.io import read_scan
 
     def bare(frames: list[LidarFrame]) -> list[LidarFrame]:

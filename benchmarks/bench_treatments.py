@@ -386,7 +386,7 @@ def clean_scans() -> Iterator[tuple[str, str, LidarFrame]]:
 def edited(scan: LidarFrame, number: int) -> Iterator[tuple[str, LidarFrame]]:
     """Yield the scan with each kind of edit of an object on the ground."""
     from manip3d.authenticate import kitti_lattice
-    from manip3d.authenticate._power import EDITS as CLASSES
+    from manip3d.authenticate._edits import EDITS as CLASSES
     from manip3d.authenticate._power import _some_object
 
     if scan.intensity is None:

@@ -39,8 +39,8 @@ from manip3d.authenticate._firings import (
     firings_of,
     is_cut_below,
 )
+from manip3d.authenticate._known_power import MEASURED
 from manip3d.authenticate._lattice import COLUMNS
-from manip3d.authenticate._power import MEASURED
 from manip3d.authenticate._processing import edge_of_voxels, find_processing
 from manip3d.authenticate._reflectance import why_rewritten
 from manip3d.authenticate._roundings import _step_of

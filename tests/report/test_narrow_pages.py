@@ -11,7 +11,7 @@ import pytest
 
 from manip3d import LidarFrame, authenticate, report
 from manip3d.authenticate import EDITS
-from manip3d.authenticate._power import EDIT_MEANINGS
+from manip3d.authenticate._edits import EDIT_MEANINGS
 from manip3d.viewer import _chromium
 
 LONG_NAME = "a_very_long_name_without_any_place_where_a_line_could_be_broken.bin"

@@ -52,11 +52,13 @@ __getattr__, __dir__, __all__ = lazily(
             "density_consistency"
         ),
         "_drives": "DriveInspection inspect_drive judge_drive verdict_of_drive",
+        "_edits": "EDITS",
         "_generic": "EvidenceReport GenericResult SuspectRegion generic_consistency",
         "_inspect": "inspect",
         "_inspection": "DetectorReport Inspection combined_verdict",
         "_keys": "KeyFile KeyRing",
         "_lattice": "LatticeReading SensorLattice",
+        "_lattice_calibration": "calibrate_lattice",
         "_lattice_estimate": "estimate_lattice",
         "_occlusion": (
             "CALIBRATED_OCCLUSION PAPER_OCCLUSION RINGS_OCCLUSION AngularGrid "
@@ -70,7 +72,7 @@ __getattr__, __dir__, __all__ = lazily(
         ),
         "_picture_files": "read_carrier write_carrier",
         "_picture_records": "record_of_picture without_record",
-        "_power": "EDITS calibrate_lattice measure_power",
+        "_power": "measure_power",
         "_reflectance": "ReflectanceRegion ReflectanceResult reflectance_consistency",
         "_repeats": "are_same_points points_id",
         "_rig_files": "RIGS_FILE CameraPair read_rigs write_rigs",

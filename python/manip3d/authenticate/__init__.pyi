@@ -24,6 +24,7 @@ from manip3d.authenticate._drives import (
     judge_drive,
     verdict_of_drive,
 )
+from manip3d.authenticate._edits import EDITS
 from manip3d.authenticate._generic import (
     EvidenceReport,
     GenericResult,
@@ -34,6 +35,7 @@ from manip3d.authenticate._inspect import inspect
 from manip3d.authenticate._inspection import DetectorReport, Inspection, combined_verdict
 from manip3d.authenticate._keys import KeyFile, KeyRing
 from manip3d.authenticate._lattice import LatticeReading, SensorLattice
+from manip3d.authenticate._lattice_calibration import calibrate_lattice
 from manip3d.authenticate._lattice_estimate import estimate_lattice
 from manip3d.authenticate._occlusion import (
     CALIBRATED_OCCLUSION,
@@ -58,7 +60,7 @@ from manip3d.authenticate._paper_watermark import (
 )
 from manip3d.authenticate._picture_files import read_carrier, write_carrier
 from manip3d.authenticate._picture_records import record_of_picture, without_record
-from manip3d.authenticate._power import EDITS, calibrate_lattice, measure_power
+from manip3d.authenticate._power import measure_power
 from manip3d.authenticate._reflectance import (
     ReflectanceRegion,
     ReflectanceResult,

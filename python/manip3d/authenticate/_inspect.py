@@ -19,6 +19,7 @@ from manip3d.authenticate._carriers import (
     without_bits,
 )
 from manip3d.authenticate._density import PAPER_DENSITY, density_consistency
+from manip3d.authenticate._edits import EDITS
 from manip3d.authenticate._extent import left_out_of_turn
 from manip3d.authenticate._inspection import DetectorReport, Inspection, combined_verdict
 from manip3d.authenticate._keys import KeyFile, KeyRing
@@ -36,7 +37,6 @@ from manip3d.authenticate._power import (
     BLIND_SPARSE,
     BLIND_TERRESTRIAL,
     BLIND_WITHOUT_TURNS,
-    EDITS,
     measure_power,
 )
 from manip3d.authenticate._processing import find_processing

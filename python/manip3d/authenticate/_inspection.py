@@ -15,6 +15,7 @@ from manip3d._util.showing import Showable
 from manip3d._util.texts import counted
 from manip3d.authenticate._density import DensityResult
 from manip3d.authenticate._generic import GenericResult
+from manip3d.authenticate._known_power import known_power
 from manip3d.authenticate._occlusion import OcclusionResult
 from manip3d.authenticate._power import (
     BLIND,
@@ -24,7 +25,6 @@ from manip3d.authenticate._power import (
     NEAREST,
     OBJECT_RADIUS,
     UNMEASURED_REFLECTANCES,
-    known_power,
 )
 from manip3d.authenticate._reflectance import ReflectanceResult
 from manip3d.authenticate._repeats import points_id

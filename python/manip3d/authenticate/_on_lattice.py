@@ -14,6 +14,7 @@ from manip3d.authenticate._copies import are_fired_twice, copies_of_earlier, one
 from manip3d.authenticate._extent import Lacking
 from manip3d.authenticate._generic import EVIDENCE, MISSING, GenericResult, consistency_allowing
 from manip3d.authenticate._inspection import DetectorReport, Inspection
+from manip3d.authenticate._known_power import known_power
 from manip3d.authenticate._lattice import LatticeReading, SensorLattice
 from manip3d.authenticate._no_returns import returns_of
 from manip3d.authenticate._power import (
@@ -28,7 +29,6 @@ from manip3d.authenticate._power import (
     BLIND_WITHOUT_REFLECTANCES,
     BLIND_WITHOUT_STEPS,
     BLIND_WITHOUT_TURNS,
-    known_power,
 )
 from manip3d.authenticate._processing import (
     COORDINATES_KEPT,

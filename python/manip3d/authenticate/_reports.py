@@ -16,8 +16,8 @@ from manip3d.authenticate._inspection import (
     accusing_of,
     combined_verdict,
 )
+from manip3d.authenticate._known_power import known_power
 from manip3d.authenticate._occlusion import OcclusionRegion, OcclusionResult
-from manip3d.authenticate._power import known_power
 from manip3d.authenticate._reflectance import ReflectanceResult
 from manip3d.authenticate._sensors import HDL64E, Sensor
 from manip3d.authenticate._turns import TurnResult

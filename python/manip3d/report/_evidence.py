@@ -16,7 +16,8 @@ import numpy as np
 
 from manip3d import __version__, viewer
 from manip3d._util.checked import checked
-from manip3d.authenticate._power import EDIT_MEANINGS, NOT_FOUND
+from manip3d.authenticate._edits import EDIT_MEANINGS
+from manip3d.authenticate._power import NOT_FOUND
 from manip3d.authenticate._verdict import FALSE_ALARM_RATE, PLANTED_HERE, Calibration, Power
 from manip3d.datasets import file_sha256
 from manip3d.report._evidence_files import write_page_or_record
