@@ -286,15 +286,23 @@ class Registration:
         return hash(self.color)
 
 
-def checked_depth(depth: ArrayLike, intrinsics: Intrinsics) -> NDArray[np.uint16 | np.float32]:
-    """Return a depth image as a C-contiguous array, without a copy if it is one; check its size."""
-    if not isinstance(intrinsics, Intrinsics):
-        raise InputError(f"intrinsics: expected Intrinsics, got {intrinsics!r}")
+def depth_array(depth: ArrayLike) -> NDArray[np.uint16 | np.float32]:
+    """Return a depth image as an array, without a copy if it is one; check its type and axes."""
     image = as_array(depth, "depth")
     if image.dtype not in (np.uint16, np.float32):
         raise InputError(
             f"depth: expected dtype uint16 (millimetres) or float32 (metres), got {image.dtype}"
         )
+    if image.ndim != 2:
+        raise InputError(f"depth: expected shape (H, W), got {image.shape}")
+    return image
+
+
+def checked_depth(depth: ArrayLike, intrinsics: Intrinsics) -> NDArray[np.uint16 | np.float32]:
+    """Return a depth image as a C-contiguous array, without a copy if it is one; check its size."""
+    if not isinstance(intrinsics, Intrinsics):
+        raise InputError(f"intrinsics: expected Intrinsics, got {intrinsics!r}")
+    image = depth_array(depth)
     if image.shape != (intrinsics.height, intrinsics.width):
         raise InputError(
             f"depth: expected shape ({intrinsics.height}, {intrinsics.width}) as the intrinsics "

@@ -201,5 +201,5 @@ def test_a_depth_image_has_one_of_two_types_in_either_byte_order(method: str) ->
     np.testing.assert_array_equal(cut_depth_steps(uncut, depth.astype(">u2")).faces, cut.faces)
     wrong = [depth.astype(kind) for kind in (np.int16, np.int32, np.int64, np.float64)]
     for image in (*wrong, depth.tolist()):
-        with pytest.raises(InputError, match="depth: expected dtype uint16 or float32, got"):
+        with pytest.raises(InputError, match="depth: expected dtype uint16"):
             cut_depth_steps(uncut, image)

@@ -343,7 +343,6 @@ def inspect(
     Example: manip3d inspect scan.bin -o evidence.html
     """
     from manip3d import authenticate, report
-    from manip3d.io import read_scan
 
     codes = _exit_codes(policy)
     _check_log(log)
@@ -365,51 +364,67 @@ def inspect(
         )
     if not shell.is_collecting:  # one of several files may be an RGB-D recording
         _refuse("an RGB-D recording", "scans of a LiDAR", intrinsics=intrinsics or None)
-    known = None if lattice is None else authenticate.SensorLattice.load(lattice)
+    options = {
+        "lattice": None if lattice is None else authenticate.SensorLattice.load(lattice),
+        "sensor": sensor.value, "power": power, "printed": printed, "threads": jobs,
+    }  # fmt: skip
     if kind in ("drive", "packets", "stream"):
         check_output(output, report.EVIDENCE_KINDS, force=force)
         _refuse(
             "a single scan", "a drive", previous=previous, following=following,
             watermark=watermark, rows=rows, plant=plant or None,
         )  # fmt: skip
-        named = naming_options("origin")
-        with _keys_of(key) as secret, named:
+        with _keys_of(key) as secret, naming_options("origin"):
             together = inspect_drive(
                 source, output, log, shell, calibration=calibration, key=secret, origin=origin,
-                options={"lattice": known, "sensor": sensor.value, "power": power,
-                         "printed": printed, "threads": jobs},
+                options=options,
             )  # fmt: skip
         raise typer.Exit(_code_of_drive(together, codes, shell))
     expect_packets(source, calibration)
     check_output(output, report.EVIDENCE_KINDS, force=force)
     check_output(rows, (".csv",), force=force, option="--rows")
+    found = _inspect_scan(
+        source, log, shell, previous=previous, following=following, watermark=watermark, keys=key,
+        origin=origin, options={**options, "plant": plant},
+    )  # fmt: skip
+    _hand_out(found, source, shell, output=output, rows=rows, log=log)
+    raise typer.Exit(codes[found.verdict])
+
+
+def _inspect_scan(
+    source: str,
+    log: Path | None,
+    shell: Terminal,
+    *,
+    previous: Path | None,
+    following: Path | None,
+    watermark: Path | None,
+    keys: Sequence[Path] | None,
+    origin: Position | None,
+    options: Mapping[str, Any],
+) -> Inspection:
+    """Inspect a single scan; ``origin`` is in the coordinates of its file."""
+    from manip3d import authenticate
+    from manip3d.io import read_scan
+
     with _logging_errors(log, source):
         frame = read_scan(source)
     place = _in_scan(frame, origin)
     shell.say(f"read {source}: {counted(frame.num_points, 'point')}")
-    beside = {
-        name: None if path is None else _scan_beside(name, path)
-        for name, path in (("previous", previous), ("following", following))
-    }
+    before = None if previous is None else _scan_beside("previous", previous)
+    after = None if following is None else _scan_beside("following", following)
     named = naming_options("origin")
-    with shell.progress("inspect") as progress, _keys_of(key) as secret, named:
-        found = authenticate.inspect(
+    with shell.progress("inspect") as progress, _keys_of(keys) as secret, named:
+        return authenticate.inspect(
             frame,
-            watermark=_record_of(source, watermark, key),
+            watermark=_record_of(source, watermark, keys),
             key=secret,
-            previous=beside["previous"],
-            following=beside["following"],
-            lattice=known,
-            sensor=sensor.value,
             origin=place,
-            power=power,
-            plant=plant,
-            printed=printed,
-            threads=jobs,
+            previous=before,
+            following=after,
             progress=progress,
+            **options,
         )
-    _hand_out(found, source, shell, output=output, rows=rows, log=log)
-    raise typer.Exit(codes[found.verdict])
 
 
 def _in_scan(frame: LidarFrame, origin: Position | None) -> Position | None:

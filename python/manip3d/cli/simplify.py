@@ -380,11 +380,11 @@ def color_options(method: str, weight: float | None) -> dict[str, Any]:
 def locks(mesh: Mesh, box: Box | None, boundary: bool, terminal: Terminal) -> dict[str, Any]:
     """Return the method's argument ``locked``, (V,) bool, or nothing if no vertex is locked."""
     from manip3d import simplify
+    from manip3d.simplify._scene import inside_box
 
     held: dict[str, NDArray[np.bool_]] = {}
     if box is not None:
-        low, high = np.reshape(box, (2, 3))
-        held["--lock-box"] = np.all((mesh.vertices >= low) & (mesh.vertices <= high), axis=1)
+        held["--lock-box"] = inside_box(mesh.vertices, np.reshape(box, (2, 3)))
     if boundary:
         held["--lock-boundary"] = simplify.boundary_vertices(mesh)
     for name, vertices in held.items():

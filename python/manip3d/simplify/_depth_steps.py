@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any, TypeGuard, TypeVar
 import numpy as np
 
 from manip3d import _core
-from manip3d._util.arrays import as_array
 from manip3d._util.checked import checked
+from manip3d.camera import depth_array
 from manip3d.errors import InputError
 from manip3d.simplify._depth import DenseImage, DepthMesh, DepthSimplification
 from manip3d.simplify._relief import OffSurface, Relief
@@ -98,19 +98,27 @@ def cut_depth_steps(
     """
     if not 0 < step <= float(np.finfo(np.float32).max):
         raise InputError(f"step: expected > 0 and finite, got {step}")
-    image = as_array(depth, "depth")
-    if image.dtype not in (np.uint16, np.float32):
-        raise InputError(f"depth: expected dtype uint16 or float32, got {image.dtype}")
-    if image.ndim != 2:
-        raise InputError(f"depth: expected shape (H, W), got {image.shape}")
+    image = depth_array(depth)
     if intrinsics is None and isinstance(found, DepthSimplification):
         focal = found.surface.focal
     else:
         focal = 0.0 if intrinsics is None else min(intrinsics.fx, abs(intrinsics.fy))
     known = _known_off(found, image, step, focal)
     if known is not None:
-        cut = found.with_faces(np.ascontiguousarray(found.faces[~known.faces]))
-        return replace(cut, cover=known.cover) if isinstance(cut, DepthSimplification) else cut
+        return _without_known(found, known)
+    return _without_crossing(found, image, step, focal)
+
+
+def _without_known(found: AnyDepthMesh, known: OffSurface) -> AnyDepthMesh:
+    """Leave out the faces that a relief has found across steps when it was made."""
+    cut = found.with_faces(np.ascontiguousarray(found.faces[~known.faces]))
+    return replace(cut, cover=known.cover) if isinstance(cut, DepthSimplification) else cut
+
+
+def _without_crossing(
+    found: AnyDepthMesh, image: NDArray[Any], step: float, focal: float
+) -> AnyDepthMesh:
+    """Leave out the faces of any mesh that span a step of the image."""
     metres = 1e-3 if image.dtype == np.uint16 else 1.0
     with np.errstate(over="ignore"):  # a depth too large for float32 counts as infinite
         image = np.nan_to_num(image.astype(np.float32), posinf=0.0, neginf=0.0)
