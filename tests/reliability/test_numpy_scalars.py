@@ -18,6 +18,40 @@ LAZY = ("forge.at_pace", "forge.stream")
 """Their results make frames when they are asked for."""
 
 
+WITHOUT_SCALARS = {
+    "authenticate.are_same_points",
+    "authenticate.attack_type",
+    "authenticate.combined_verdict",
+    "authenticate.compare_paper",
+    "authenticate.cross_modal_consistency",
+    "authenticate.estimate_lattice",
+    "authenticate.inspect_stream",
+    "authenticate.inter_frame_noise",
+    "authenticate.judge_drive",
+    "authenticate.judged_frames",
+    "authenticate.kitti_lattice",
+    "authenticate.points_id",
+    "authenticate.record_of_picture",
+    "authenticate.stereo_disparity",
+    "authenticate.surround_consistency",
+    "authenticate.verdict_of_drive",
+    "authenticate.without_record",
+    "forge.background_plate",
+    "forge.nearest_object",
+    "forge.range_scale",
+    "forge.without_people",
+    "modify.animate",
+    "modify.body_mirror",
+    "modify.clothing_colors",
+    "modify.joint_layouts",
+    "modify.skeletons_from_motion",
+    "simplify.boundary_vertices",
+    "simplify.grid_delaunay",
+    "simplify.simplify_depth",
+}
+"""Functions whose calls in `kernels` have no number as an argument."""
+
+
 class Number(IntEnum):
     """A number of a program's own."""
 
@@ -41,7 +75,7 @@ def results(value: Any) -> Any:
     return list(value) if hasattr(value, "__next__") else value
 
 
-@pytest.mark.parametrize("name", kernels.KERNELS)
+@pytest.mark.parametrize("name", sorted(kernels.KERNELS.keys() - WITHOUT_SCALARS))
 def test_kernels_take_scalars_of_numpy(name: str) -> None:
     """An np.int64 was looked for in a range of 2^64 numbers, one after the other."""
     package_name, _, function_name = name.partition(".")
@@ -54,8 +88,7 @@ def test_kernels_take_scalars_of_numpy(name: str) -> None:
         for argument, value in arguments.items()
         if (scalar := as_scalar(value)) is not None
     }
-    if not scalars:
-        return
+    assert scalars, "no argument is a number: add the function to WITHOUT_SCALARS"
     expected = kernels.hash_of(results(call_with(function, arguments)))
     for argument, scalar in scalars.items():
         found = results(call_with(function, arguments | {argument: scalar}))
