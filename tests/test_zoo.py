@@ -33,11 +33,14 @@ def written_and_read(mesh: Mesh, suffix: str) -> Mesh:
         return read_mesh(path)
 
 
+RATIOS = [
+    *((name, run, 0.0) for name, run in METHODS.items()),  # one procedure with other weights
+    ("qem4vr", METHODS["qem4vr"], 0.5),
+    *((run.__name__, run, ratio) for run in (quality, fast) for ratio in (0.0, 0.5)),
+]
+
 FUNCTIONS: dict[str, Callable[[Mesh], object]] = {
-    "replace": lambda mesh: mesh.replace(source="x.obj"),
-    "bounds": lambda mesh: mesh.bounds,
-    "diagonal": lambda mesh: mesh.diagonal,
-    "repr": repr,
+    "basics": lambda mesh: (mesh.replace(source="x.obj"), mesh.bounds, mesh.diagonal, repr(mesh)),
     "summary": Mesh.summary,
     "clean": clean,
     "clean-any": lambda mesh: clean(mesh, duplicates="any"),
@@ -49,13 +52,7 @@ FUNCTIONS: dict[str, Callable[[Mesh], object]] = {
     "boundary-gap": lambda mesh: boundary_gap(mesh, clean(mesh).mesh),
     **{
         f"{name}-{ratio}": lambda mesh, run=run, ratio=ratio: run(mesh, ratio=ratio).mesh
-        for name, run in METHODS.items()
-        for ratio in (0.0, 0.5)
-    },
-    **{
-        f"{run.__name__}-{ratio}": lambda mesh, run=run, ratio=ratio: run(mesh, ratio=ratio).mesh
-        for run in (quality, fast)
-        for ratio in (0.0, 0.5)
+        for name, run, ratio in RATIOS
     },
     "picture": lambda mesh: picture(mesh, size=(24, 16), boundary=True),
     "html": html,
@@ -77,11 +74,9 @@ TOO_FINE = {"edges_of_double_precision"}
 REFUSALS: dict[str, set[str]] = {
     # published methods know corners by their numbers, the others by their places
     **{
-        f"{name}-{ratio}": NOTHING | {"only_repeated_indices"}
-        for name in METHODS
-        for ratio in (0.0, 0.5)
+        f"{name}-{ratio}": NOTHING | {"only_repeated_indices"} if name in METHODS else NO_FACES
+        for name, _, ratio in RATIOS
     },
-    **{f"{name}-{ratio}": NO_FACES for name in ("quality", "fast") for ratio in (0.0, 0.5)},
     "metro": NO_FACES,
     "boundary-gap": NO_FACES,
     "metro-area": NO_AREA | TOO_FINE,

@@ -419,7 +419,7 @@ def cone_with_hole(radius: float, rows: int = 8, sides: int = 36) -> Mesh:
 
 @pytest.mark.parametrize("is_split", [False, True])
 @pytest.mark.parametrize("ratio", [0.1, 0.05])
-@pytest.mark.parametrize("radius", [1e-16, 1e-12, 1e-8, 1e-7, 1e-6, 3e-6, 1e-5, 3e-5, 1e-4, 1e-3])
+@pytest.mark.parametrize("radius", [1e-16, 1e-8, 3e-6, 1e-3])
 def test_a_cone_whose_tip_is_a_ring_of_almost_equal_points_stays(
     radius: float, ratio: float, is_split: bool
 ) -> None:
