@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -145,13 +146,13 @@ def colors(number: int) -> np.ndarray[Any, Any]:
     return np.random.default_rng(100 + number).integers(0, 256, (62, 82, 3), np.uint8)
 
 
-def realsense(path: Path, unit: float) -> Path:
-    """A bag as RealSense's recorder writes it."""
+def realsense(path: Path, unit: float, appended: float | None = None) -> Path:
+    """A bag as RealSense's recorder writes it; from 2.54 on it appends a unit to its images."""
     types = typesys.get_typestore(typesys.Stores.ROS1_NOETIC)
     made: dict[str, Any] = {}
     of = types.types
     stamp = of["builtin_interfaces/msg/Time"](3, 0)
-    head = of["std_msgs/msg/Header"](0, stamp, "0")
+    head = of["std_msgs/msg/Header"](0, stamp, "0" if appended is None else "1")
     region = of["sensor_msgs/msg/RegionOfInterest"](0, 0, 0, 0, False)
     stored = millimetres(0)
     images = {
@@ -169,7 +170,10 @@ def realsense(path: Path, unit: float) -> Path:
         def write(topic: str, kind: str, message: Any) -> None:
             if topic not in made:
                 made[topic] = writer.add_connection(topic, kind, typestore=types)
-            writer.write(made[topic], 10**9, types.serialize_ros1(message, kind))
+            raw = bytes(types.serialize_ros1(message, kind))
+            if kind == IMAGE and appended is not None:
+                raw += struct.pack("<f", appended if "Depth" in topic else 0.0)
+            writer.write(made[topic], 10**9, raw)
 
         unit_topic = "/device_0/sensor_0/option/Depth Units/value"
         write(unit_topic, "std_msgs/msg/Float32", of["std_msgs/msg/Float32"](np.float32(unit)))

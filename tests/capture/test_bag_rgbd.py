@@ -483,6 +483,21 @@ def test_recordings_of_a_realsense(tmp_path: Path) -> None:
     assert len(list(capture.open_rgbd(f"rgbd-bag:{one}"))) == 1
 
 
+@pytest.mark.parametrize(
+    ("option", "appended", "unit"),
+    [(0.001, 0.001, 0.001), (0.001, 0.0001, 0.0001), (0.0001, 0.0, 0.0001), (0.001, np.nan, 0.001)],
+)
+def test_images_of_a_realsense_may_end_with_their_depth_unit(
+    option: float, appended: float, unit: float, tmp_path: Path
+) -> None:
+    """librealsense 2.54 to 2.57 appends it to each image; it may be 0."""
+    (frame,) = capture.open_rgbd(f"rgbd-bag:{realsense(tmp_path / 'a.bag', option, appended)}")
+    assert np.array_equal(frame.depth, np.rint(millimetres(0) * (1000 * unit)))
+    assert np.array_equal(frame.color, colors(0))  # type: ignore[arg-type]
+    given = capture.open_rgbd(f"rgbd-bag:{tmp_path / 'a.bag'}", units_per_metre=500.0)
+    assert np.array_equal(given[0].depth, 2 * millimetres(0))
+
+
 def test_a_bag_is_recorded_again(tmp_path: Path) -> None:
     messages = cameras()
     for number in range(3):

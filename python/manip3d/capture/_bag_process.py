@@ -47,6 +47,8 @@ LIVOX_FIELDS = [
 number of values."""
 IMAGE = "sensor_msgs/msg/Image"
 COMPRESSED = "sensor_msgs/msg/CompressedImage"
+REALSENSE_IMAGE = "/image/data"
+"""End of the names of topics to which RealSense's recorder writes images."""
 CAMERA_INFO = "sensor_msgs/msg/CameraInfo"
 TRANSFORMS = "tf2_msgs/msg/TFMessage"
 TRANSFORM = "geometry_msgs/msg/Transform"
@@ -154,6 +156,8 @@ class Bag:
     def read(self, connection: Any, raw: bytes) -> Any:
         """Return a message decoded."""
         if is_ros1(connection):
+            if _is_of_realsense(connection):
+                raw, _ = _without_unit(raw)
             return _types("ROS1_NOETIC").deserialize_ros1(raw, connection.msgtype)
         return _types("ROS2_HUMBLE").deserialize_cdr(raw, connection.msgtype)
 
@@ -166,6 +170,37 @@ def _encoding(connection: Any) -> str:
 def is_ros1(connection: Any) -> bool:
     """Return whether the messages of a connection are encoded as those of ROS 1."""
     return _encoding(connection) == "ros1"
+
+
+def _is_of_realsense(connection: Any) -> bool:
+    return connection.msgtype == IMAGE and str(connection.topic).endswith(REALSENSE_IMAGE)
+
+
+def _without_unit(raw: bytes) -> tuple[bytes, float]:
+    """Separate an Image of ROS 1 from the depth unit in metres that follows it; 0 if none does.
+
+    librealsense appends the unit from its version 2.54 on (a float32, 0 for colours), although the
+    message definition does not have it.
+    """
+    try:
+        end = _end_of_image(raw)
+    except struct.error:
+        return raw, 0.0  # rosbags states that the message is too short
+    if len(raw) - end != 4:
+        return raw, 0.0
+    return raw[:end], float(struct.unpack_from("<f", raw, end)[0])
+
+
+def _end_of_image(raw: bytes) -> int:
+    """Return where an Image of ROS 1 ends by the lengths that it states."""
+
+    def after_list(at: int) -> int:
+        return at + 4 + int(struct.unpack_from("<I", raw, at)[0])
+
+    frame_id = 12  # after the sequence number and the time stamp
+    encoding = after_list(frame_id) + 8  # after height and width
+    pixels = after_list(encoding) + 5  # after is_bigendian and step
+    return after_list(pixels)
 
 
 def _ros2_name(kind: str) -> str:
@@ -342,6 +377,8 @@ def _picture(bag: Bag, each: tuple[Any, int, bytes]) -> tuple[dict[str, Any], by
     connection, received, raw = each
     picture = bag.read(connection, raw)
     header = {"picture": connection.topic, "stamp_ns": _stamp(picture) or int(received)}
+    if is_ros1(connection) and _is_of_realsense(connection):
+        header["unit"] = _without_unit(raw)[1]
     if hasattr(picture, "format"):
         header["format"] = picture.format
     else:

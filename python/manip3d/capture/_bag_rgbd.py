@@ -81,6 +81,7 @@ class BagImages:
         with closing(BagRecording(path, "", mode="images")) as bag:
             found = bag.cameras()
         self._depth = _depth_topic(found, topic, path)
+        self._given_units = units_per_metre
         self._units = units_per_metre or _units_per_metre(found, self._depth)
         self._length = int(found["images"][self._depth]["count"])
         self.calibration, self._color = self._geometry(found, camera)
@@ -174,13 +175,20 @@ class BagImages:
         stored = _stored_depth(picture)
         if stored.dtype == np.uint16:
             stored = np.where(stored == NO_MEASUREMENT, np.uint16(0), stored)
-        if stored.dtype == np.uint16 and self._units == 1000.0:
+        units = self._units_of(picture)
+        if stored.dtype == np.uint16 and units == 1000.0:
             return np.asarray(stored, np.uint16)
-        units = self._units if stored.dtype == np.uint16 else 1.0  # float32 is in metres (REP 118)
+        units = units if stored.dtype == np.uint16 else 1.0  # float32 is in metres (REP 118)
         with np.errstate(invalid="ignore"):
             depth = np.rint(stored.astype(np.float64) * (1000.0 / units))
             is_depth = (depth > 0.0) & (depth <= 65535.0)
         return np.where(is_depth, depth, 0.0).astype(np.uint16)
+
+    def _units_of(self, picture: BagPicture) -> float:
+        """Return the stored units per metre of an image, which may state its own unit."""
+        if self._given_units is not None:
+            return self._given_units
+        return _per_metre(picture.header.get("unit", 0.0)) or self._units
 
 
 def depth_size(path: Path, topic: str) -> tuple[int, int]:
@@ -259,12 +267,20 @@ def _units_per_metre(found: Mapping[str, Any], topic: str) -> float:
         return 1.0
     sensor = topic.removesuffix(_REALSENSE_SENSOR).rpartition("/")[0]
     for name in ("Depth Units", "Depth_Units"):
-        unit = found["numbers"].get(f"{sensor}/option/{name}/value", 0.0)
-        if unit > 0.0 and math.isfinite(unit):
-            # Rounding removes the error of the unit, which is stored as float32.
-            units = float(np.rint(1.0 / unit * 1000.0) / 1000.0)
-            return units or 1000.0
+        units = _per_metre(found["numbers"].get(f"{sensor}/option/{name}/value", 0.0))
+        if units:
+            return units
     return 1000.0
+
+
+def _per_metre(unit: float) -> float:
+    """Return how many of a RealSense's depth units, each of ``unit`` metres, a metre has.
+
+    0 if ``unit`` is none. The result is rounded because the unit is stored as a float32.
+    """
+    if not (unit > 0.0 and math.isfinite(unit)):
+        return 0.0
+    return float(np.rint(1.0 / unit * 1000.0) / 1000.0)
 
 
 def _camera_of(found: Mapping[str, Any], topic: str) -> _Camera:
