@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import io
 import struct
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from PIL import Image
 from rosbags import rosbag1, rosbag2, typesys
 
 CLOUD = "sensor_msgs/msg/PointCloud2"
@@ -189,6 +192,102 @@ def realsense(path: Path, unit: float, appended: float | None = None) -> Path:
             kind = "geometry_msgs/msg/Transform"
             write(f"/device_0/{name}/tf/0", kind, of[kind](translation, rotation))
     return path
+
+
+TEXT = "std_msgs/msg/String"
+SDK_START_NS = 1_700_000_000_000_000_000
+
+
+def realsense_ros2(
+    path: Path,
+    *,
+    is_packed: bool,
+    options: Sequence[float] = (0.0001,),
+    units: Sequence[float] = (0.0001,),
+    lens: str = "Brown Conrady",
+    raw_color: tuple[str, np.ndarray[Any, Any]] | None = None,
+) -> Path:
+    """A ``.db3`` as RealSense's recorder writes it, with one frame for each of ``units``.
+
+    librealsense 2.58 compresses each message by zstd (``is_packed``), 2.59 the images. A unit of 0
+    is not stated.
+    """
+    stamp = TYPES.types["builtin_interfaces/msg/Time"]
+    of_stream = {
+        "/device_0/sensor_0/Depth_0": ("Depth", (64, 48), PROJECTION, "0,0,0"),
+        "/device_0/sensor_1/Color_0": ("Color", (82, 62), COLORS, "0.015,-0.02,0"),
+    }
+    turns = {
+        "Depth": "1,0,0,0,1,0,0,0,1",
+        "Color": "0.995004,0,0.099833,0,1,0,-0.099833,0,0.995004",
+    }
+    with rosbag2.Writer(path, version=8, storage_plugin=rosbag2.StoragePlugin.SQLITE3) as writer:
+        made: dict[str, Any] = {}
+
+        def write(topic: str, kind: str, message: Any, time: int = 0) -> None:
+            if topic not in made:
+                made[topic] = writer.add_connection(topic, kind, typestore=TYPES)
+            raw = bytes(TYPES.serialize_cdr(message, kind))
+            writer.write(made[topic], time, packed(raw) if is_packed else raw)
+
+        def text(topic: str, value: str, time: int = 0) -> None:
+            write(topic, TEXT, TYPES.types[TEXT](value), time)
+
+        for unit in options:
+            text("/device_0/sensor_0/option/Depth_Units/value", f"{unit:.6f}")
+        for stream, (name, (width, height), matrix, shift) in of_stream.items():
+            fx, fy, cx, cy = matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2]
+            size = f"width={width};height={height};fx={fx:g};ppx={cx:g};fy={fy:g};ppy={cy:g}"
+            text(f"{stream}/camera_info", f"{size};model={lens};coeffs=0.1,0,0,0,0")
+            text(f"{stream}/tf/ref_1", f"rotation={turns[name]};translation={shift}")
+            for number, unit in enumerate(units):
+                time = 4086 + number * 33_000_000
+                head = TYPES.types["std_msgs/msg/Header"](stamp(0, time), name)
+                told = f"Frame number={number};timestamp={1.7e12 + 100 * number:.6f};"
+                told += f"depth_units={unit:.6f};" if unit else ""
+                text(f"{stream}/image/metadata", told, time)
+                kind, each = _realsense_image(name, number, is_packed, raw_color)
+                topic = f"{stream}/image/data" + ("" if is_packed else _TRANSPORTS[name])
+                write(topic, kind, replace(each, header=head), time)
+                if not is_packed:
+                    info = replace(camera_info(matrix), width=width, height=height, header=head)
+                    info = replace(info, d=np.array([0.1, 0, 0, 0, 0]))
+                    write(f"{stream}/image/camera_info", INFO, info, time)
+    (file,) = path.glob("*.db3")
+    return file
+
+
+_TRANSPORTS = {"Depth": "/compressedDepth", "Color": "/compressed"}
+
+
+def _realsense_image(
+    name: str, number: int, is_packed: bool, raw_color: tuple[str, np.ndarray[Any, Any]] | None
+) -> tuple[str, Any]:
+    encoding, pixels = ("rgb8", colors(number)) if raw_color is None else raw_color
+    if name == "Depth":
+        encoding, pixels = "mono16", millimetres(number)
+    if is_packed:
+        data = pixels.view(np.uint8).reshape(len(pixels), -1)
+        return IMAGE, TYPES.types[IMAGE](
+            header(0.0, ""), len(pixels), pixels.shape[1], encoding, 0, data.shape[1],
+            data.reshape(-1),
+        )  # fmt: skip
+    if name == "Color" and raw_color is not None:
+        data = pixels.view(np.uint8).reshape(len(pixels), -1)
+        size = f"{pixels.shape[1]}x{len(pixels)} step={data.shape[1]}"
+        return COMPRESSED, compressed(packed(data.tobytes()), f"{encoding}; zstd; {size}", 0.0)
+    stream = io.BytesIO()
+    Image.fromarray(pixels).save(stream, "PNG")
+    kind = "16UC1; compressedDepth png" if name == "Depth" else "rgb8; png compressed bgr8"
+    start = bytes(12) if name == "Depth" else b""
+    return COMPRESSED, compressed(start + stream.getvalue(), kind, 0.0)
+
+
+def packed(data: bytes) -> bytes:
+    """Data compressed by zstd, with the package that rosbags has chosen."""
+    from rosbags.rosbag2 import writer
+
+    return bytes(getattr(writer, "zstd").compress(data))  # noqa: B009
 
 
 LIVOX = "livox_ros_driver2/msg/CustomMsg"

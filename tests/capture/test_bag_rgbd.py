@@ -30,6 +30,7 @@ from ros_bags import (  # noqa: E402
     IMAGE,
     INFO,
     PROJECTION,
+    SDK_START_NS,
     TRANSFORMS,
     TYPES,
     camera_info,
@@ -41,6 +42,7 @@ from ros_bags import (  # noqa: E402
     millimetres,
     points_of,
     realsense,
+    realsense_ros2,
     transform,
     write_bag,
     write_mixed_bag,
@@ -496,6 +498,50 @@ def test_images_of_a_realsense_may_end_with_their_depth_unit(
     assert np.array_equal(frame.color, colors(0))  # type: ignore[arg-type]
     given = capture.open_rgbd(f"rgbd-bag:{tmp_path / 'a.bag'}", units_per_metre=500.0)
     assert np.array_equal(given[0].depth, 2 * millimetres(0))
+
+
+@pytest.mark.parametrize("is_packed", [True, False])
+def test_recordings_of_a_realsense_for_ros_2(is_packed: bool, tmp_path: Path) -> None:
+    """librealsense 2.58 compresses each message by zstd, 2.59 the images."""
+    path = realsense_ros2(tmp_path / "a", is_packed=is_packed, units=(0.0001, 0.001, 0.0))
+    assert capture.rgbd_address(str(path)) == f"rgbd-bag:{path}"
+    source = capture.open_rgbd(f"rgbd-bag:{path}")
+    for number, (frame, unit) in enumerate(zip(source, (0.0001, 0.001, 0.0001), strict=True)):
+        assert np.array_equal(frame.depth, np.rint(millimetres(number) * (1000 * unit)))
+        assert np.array_equal(frame.color, colors(number))  # type: ignore[arg-type]
+        assert frame.time_ns == SDK_START_NS + number * 100_000_000
+    camera = source.calibration.depth
+    assert (camera.width, camera.height) == (64, 48)
+    assert (camera.fx, camera.fy, camera.cx, camera.cy) == (60.0, 61.0, 31.5, 23.5)
+    assert tuple(camera.distortion) == (0.1, 0.0, 0.0, 0.0, 0.0)
+    registration = source.calibration.registration
+    assert registration is not None
+    # The texts have the columns of the rotation.
+    c, s = 0.995004, 0.099833
+    turn = [[c, 0, -s], [0, 1, 0], [s, 0, c]]
+    np.testing.assert_allclose(registration.rotation, turn, atol=1e-12)
+    np.testing.assert_allclose(registration.translation, [0.015, -0.02, 0.0], atol=1e-12)
+
+
+@pytest.mark.parametrize("is_packed", [True, False])
+def test_the_lens_of_a_realsense_is_that_of_its_text(is_packed: bool, tmp_path: Path) -> None:
+    """The CameraInfo says plumb_bob of every lens."""
+    path = realsense_ros2(tmp_path / "a", is_packed=is_packed, lens="Inverse Brown Conrady")
+    with pytest.raises(FormatError, match="'Inverse Brown Conrady' is not known"):
+        capture.open_rgbd(f"rgbd-bag:{path}")
+
+
+def test_a_realsense_without_a_depth_unit_is_told(tmp_path: Path) -> None:
+    path = realsense_ros2(tmp_path / "a", is_packed=True, options=(), units=(0.0,))
+    with pytest.warns(UserWarning, match="Depth_0 states no depth unit; 1000 per metre"):
+        source = capture.open_rgbd(f"rgbd-bag:{path}")
+    assert np.array_equal(source[0].depth, millimetres(0))
+    (frame,) = capture.open_rgbd(f"rgbd-bag:{path}", units_per_metre=10000)
+    assert np.array_equal(frame.depth, np.rint(millimetres(0) / 10.0))
+    for place, options, units in (("b", (0.0001,), (0.0,)), ("c", (), (0.0001,))):
+        path = realsense_ros2(tmp_path / place, is_packed=True, options=options, units=units)
+        (frame,) = capture.open_rgbd(f"rgbd-bag:{path}")
+        assert np.array_equal(frame.depth, np.rint(millimetres(0) / 10.0))
 
 
 def test_a_bag_is_recorded_again(tmp_path: Path) -> None:

@@ -16,8 +16,10 @@ topic.
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import json
+import re
 import resource
 import struct
 import sys
@@ -53,6 +55,13 @@ CAMERA_INFO = "sensor_msgs/msg/CameraInfo"
 TRANSFORMS = "tf2_msgs/msg/TFMessage"
 TRANSFORM = "geometry_msgs/msg/Transform"
 NUMBER = "std_msgs/msg/Float32"
+TEXT = "std_msgs/msg/String"
+REALSENSE_TEXT = re.compile(r"/(camera_info|tf/[^/]+|option/Depth[ _]Units/value)$")
+"""Topics of the texts in which RealSense's recorder for ROS 2 states cameras, poses and units."""
+REALSENSE_PACKED = re.compile(r"(\w+); zstd; (\d{1,5})x(\d{1,5}) step=(\d{1,6})")
+"""Format of the images that this recorder compresses by zstd, with width, height and step."""
+ZSTD = b"\x28\xb5\x2f\xfd"
+"""Magic bytes of data that zstd compressed; no message in CDR begins with them."""
 MCAP_HEADER = b"\x89MCAP0\r\n\x01"
 """Magic bytes of an MCAP file, and the type of its first record, the header."""
 _NUM_TIMED = 9
@@ -152,6 +161,7 @@ class Bag:
         self.connections = [each for each in named if _encoding(each) in ("ros1", "cdr")]
         self.kinds = sorted({each.msgtype for each in named})
         self.messages = bag.messages
+        self._metadata: dict[str, dict[int, dict[str, Any]]] = {}
 
     def read(self, connection: Any, raw: bytes) -> Any:
         """Return a message decoded."""
@@ -159,7 +169,30 @@ class Bag:
             if _is_of_realsense(connection):
                 raw, _ = _without_unit(raw)
             return _types("ROS1_NOETIC").deserialize_ros1(raw, connection.msgtype)
+        if raw[:4] == ZSTD:  # librealsense 2.58 compresses each message; the bag does not state it
+            raw = _unpacked(raw)
         return _types("ROS2_HUMBLE").deserialize_cdr(raw, connection.msgtype)
+
+    def metadata(self, topic: str, received: int) -> dict[str, Any]:
+        """Return ``stamp_ns`` and ``unit`` of a RealSense's image in a ROS 2 bag, if it has them.
+
+        Its recorder writes them as a text that was received at the same time as the image. The
+        image's own stamp counts from the beginning of the recording.
+        """
+        stream, is_realsense, _ = topic.partition(REALSENSE_IMAGE)
+        if not is_realsense:
+            return {}
+        if stream not in self._metadata:
+            wanted = [
+                each
+                for each in self.connections
+                if each.msgtype == TEXT and each.topic == f"{stream}/image/metadata"
+            ]
+            self._metadata[stream] = {
+                int(time): _metadata(self.read(connection, raw).data)
+                for connection, time, raw in (self.messages(connections=wanted) if wanted else ())
+            }
+        return self._metadata[stream].get(int(received), {})
 
 
 def _encoding(connection: Any) -> str:
@@ -170,6 +203,26 @@ def _encoding(connection: Any) -> str:
 def is_ros1(connection: Any) -> bool:
     """Return whether the messages of a connection are encoded as those of ROS 1."""
     return _encoding(connection) == "ros1"
+
+
+def _unpacked(data: bytes) -> bytes:
+    """Decompress by zstd, with the package that rosbags has chosen."""
+    from rosbags.rosbag2 import reader
+
+    return bytes(getattr(reader, "zstd").decompress(bytes(data)))  # noqa: B009
+
+
+def _metadata(text: str) -> dict[str, Any]:
+    """Return time and depth unit of ``timestamp=MILLISECONDS;depth_units=METRES;...``."""
+    values = dict(each.partition("=")[::2] for each in text.split(";"))
+    found: dict[str, Any] = {}
+    with contextlib.suppress(KeyError, ValueError):
+        found["unit"] = float(values["depth_units"])
+    with contextlib.suppress(KeyError, ValueError, OverflowError):
+        stamp_ns = round(float(values["timestamp"]) * 1e6)
+        if 0 < stamp_ns < 1 << 63:
+            found["stamp_ns"] = stamp_ns
+    return found
 
 
 def _is_of_realsense(connection: Any) -> bool:
@@ -319,30 +372,39 @@ def _rgbd(bag: Bag) -> dict[str, Any]:
     """Return the properties of each topic of pictures, and what RealSense's recorder adds.
 
     RealSense's recorder writes camera poses (``poses``) and options such as the depth unit
-    (``numbers``) as messages.
+    (``numbers``) as messages; in bags of ROS 2 both are ``texts``, and cameras, too.
     """
-    images = {
-        topic: {
+    images = {}
+    for topic, first in _first_ones(bag, IMAGE, COMPRESSED):
+        connections = [each for each in bag.connections if each.topic == topic]
+        headers = _first_headers(bag, connections)
+        images[topic] = {
             "frame_id": first.header.frame_id,
-            "encoding": getattr(first, "encoding", ""),
-            "format": getattr(first, "format", ""),
-            "count": sum(each.msgcount for each in bag.connections if each.topic == topic),
-            "period_ns": _period_ns(bag, topic),
+            **{name: _pixels(first)[0].get(name, "") for name in ("encoding", "format")},
+            "unit": headers[0].get("unit", 0.0) if headers else 0.0,
+            "count": sum(each.msgcount for each in connections),
+            "period_ns": _period_ns(headers),
         }
-        for topic, first in _first_ones(bag, IMAGE, COMPRESSED)
-    }
     numbers = {topic: float(first.data) for topic, first in _first_ones(bag, NUMBER)}
     poses = {topic: _pose(first) for topic, first in _first_ones(bag, TRANSFORM)}
-    return {"images": images, "numbers": numbers, "poses": poses}
+    texts = {
+        topic: str(first.data)
+        for topic, first in _first_ones(bag, TEXT)
+        if REALSENSE_TEXT.search(topic)
+    }
+    return {"images": images, "numbers": numbers, "poses": poses, "texts": texts}
 
 
-def _period_ns(bag: Bag, topic: str) -> int:
-    """Return the median time between the first pictures of a topic; 0 if there are no two."""
-    wanted = [each for each in bag.connections if each.topic == topic]
-    first = islice(bag.messages(connections=wanted), _NUM_TIMED)
+def _first_headers(bag: Bag, connections: list[Any]) -> list[dict[str, Any]]:
+    """Return the headers of the first pictures of a topic, without those of damaged ones."""
+    first = islice(bag.messages(connections=connections), _NUM_TIMED)
     headers = [header for header, _ in (_decoded(bag, each) for each in first)]
-    stamps = sorted(header["stamp_ns"] for header in headers if "bad" not in header)
-    between = [b - a for a, b in pairwise(stamps)]
+    return [header for header in headers if "bad" not in header]
+
+
+def _period_ns(headers: list[dict[str, Any]]) -> int:
+    """Return the median time between pictures; 0 if there are no two."""
+    between = [b - a for a, b in pairwise(sorted(header["stamp_ns"] for header in headers))]
     return median_low(between) if between else 0
 
 
@@ -377,15 +439,27 @@ def _picture(bag: Bag, each: tuple[Any, int, bytes]) -> tuple[dict[str, Any], by
     connection, received, raw = each
     picture = bag.read(connection, raw)
     header = {"picture": connection.topic, "stamp_ns": _stamp(picture) or int(received)}
-    if is_ros1(connection) and _is_of_realsense(connection):
-        header["unit"] = _without_unit(raw)[1]
-    if hasattr(picture, "format"):
-        header["format"] = picture.format
+    if is_ros1(connection):
+        header |= {"unit": _without_unit(raw)[1]} if _is_of_realsense(connection) else {}
     else:
-        header["encoding"] = picture.encoding
-        header["is_bigendian"] = bool(picture.is_bigendian)
-        header |= {name: int(getattr(picture, name)) for name in ("height", "width", "step")}
-    return header, picture.data.tobytes()
+        header |= bag.metadata(connection.topic, received)
+    layout, data = _pixels(picture)
+    return header | layout, data
+
+
+def _pixels(picture: Any) -> tuple[dict[str, Any], bytes]:
+    """Return the layout of a picture and its bytes."""
+    data = picture.data.tobytes()
+    if not hasattr(picture, "format"):
+        size = {name: int(getattr(picture, name)) for name in ("height", "width", "step")}
+        is_bigendian = bool(picture.is_bigendian)
+        return {"encoding": picture.encoding, "is_bigendian": is_bigendian, **size}, data
+    packed = REALSENSE_PACKED.fullmatch(picture.format)
+    if packed is None:
+        return {"format": picture.format}, data
+    width, height, step = map(int, packed.groups()[1:])
+    size = {"height": height, "width": width, "step": step}
+    return {"encoding": packed[1], "is_bigendian": False, **size}, _unpacked(data)
 
 
 def _stamp(message: Any) -> int:

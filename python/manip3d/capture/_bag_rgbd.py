@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import struct
 import warnings
 from collections import deque
@@ -16,10 +15,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from manip3d._util.callers import caller_level
-from manip3d._util.linear import inverse, product
 from manip3d.camera import Intrinsics, Registration
 from manip3d.capture._bag import BagPicture, BagRecording
-from manip3d.capture._bag_pictures import decoded, pose_of, rigid, rows_of
+from manip3d.capture._bag_pictures import decoded, pose_of, rows_of
+from manip3d.capture._bag_realsense import (
+    camera_info,
+    per_metre,
+    relative_pose,
+    stream_of,
+    units_per_metre,
+    without_transport,
+)
 from manip3d.errors import FormatError, InputError
 from manip3d.io._depth_files import MAX_PIXELS
 from manip3d.io._depth_formats import decode_depth
@@ -32,7 +38,6 @@ if TYPE_CHECKING:
 _MILLIMETRES = ("16UC1", "mono16", "Z16")
 _METRES = "32FC1"
 _COLORS = ("rgb8", "bgr8", "rgba8", "bgra8", "8UC3")
-_REALSENSE_SENSOR = "/image/data"
 _NO_COLORS = ("16UC1", "mono16", "32FC1", "8UC1")
 """Encodings of compressed pictures (image_transport) that may be depth images, hence not colour."""
 _LEAST_APART_NS, _MOST_APART_NS = 20_000_000, 200_000_000
@@ -82,7 +87,7 @@ class BagImages:
             found = bag.cameras()
         self._depth = _depth_topic(found, topic, path)
         self._given_units = units_per_metre
-        self._units = units_per_metre or _units_per_metre(found, self._depth)
+        self._units = units_per_metre or self._stated_units(found)
         self._length = int(found["images"][self._depth]["count"])
         self.calibration, self._color = self._geometry(found, camera)
         self._apart_ns = _most_apart_ns(found, self._color)
@@ -184,11 +189,31 @@ class BagImages:
             is_depth = (depth > 0.0) & (depth <= 65535.0)
         return np.where(is_depth, depth, 0.0).astype(np.uint16)
 
+    def _stated_units(self, found: Mapping[str, Any]) -> float:
+        """Return how many stored units a metre has.
+
+        32FC1 is in metres. 16UC1 is in millimetres, unless RealSense's recorder stated the sensor's
+        depth unit.
+        """
+        image = found["images"][self._depth]
+        stream = stream_of(self._depth)
+        if _METRES in (image["encoding"], image["format"].partition(";")[0].strip()):
+            return 1.0
+        if stream is None:
+            return 1000.0
+        stated = units_per_metre(found, stream) or per_metre(image["unit"])
+        if not stated:
+            warnings.warn(
+                f"{self._path}: {stream} states no depth unit; 1000 per metre are assumed",
+                stacklevel=caller_level(),
+            )
+        return stated or 1000.0
+
     def _units_of(self, picture: BagPicture) -> float:
         """Return the stored units per metre of an image, which may state its own unit."""
         if self._given_units is not None:
             return self._given_units
-        return _per_metre(picture.header.get("unit", 0.0)) or self._units
+        return per_metre(picture.header.get("unit", 0.0)) or self._units
 
 
 def depth_size(path: Path, topic: str) -> tuple[int, int]:
@@ -256,43 +281,13 @@ def _color_topics(found: Mapping[str, Any]) -> list[str]:
     return sorted(raw) + sorted(packed)
 
 
-def _units_per_metre(found: Mapping[str, Any], topic: str) -> float:
-    """Return how many stored units a metre has.
-
-    32FC1 is in metres. 16UC1 is in millimetres, unless RealSense's recorder stated the sensor's
-    depth unit.
-    """
-    image = found["images"][topic]
-    if _METRES in (image["encoding"], image["format"].partition(";")[0].strip()):
-        return 1.0
-    sensor = topic.removesuffix(_REALSENSE_SENSOR).rpartition("/")[0]
-    for name in ("Depth Units", "Depth_Units"):
-        units = _per_metre(found["numbers"].get(f"{sensor}/option/{name}/value", 0.0))
-        if units:
-            return units
-    return 1000.0
-
-
-def _per_metre(unit: float) -> float:
-    """Return how many of a RealSense's depth units, each of ``unit`` metres, a metre has.
-
-    0 if ``unit`` is none. The result is rounded because the unit is stored as a float32.
-    """
-    if not (unit > 0.0 and math.isfinite(unit)):
-        return 0.0
-    return float(np.rint(1.0 / unit * 1000.0) / 1000.0)
-
-
 def _camera_of(found: Mapping[str, Any], topic: str) -> _Camera:
-    base = topic
-    for transport in ("/compressed", "/compressedDepth"):
-        base = base.removesuffix(transport)
-    if base.endswith(_REALSENSE_SENSOR):
-        name = base.removesuffix(_REALSENSE_SENSOR) + "/info/camera_info"
-    else:
-        name = base.rpartition("/")[0] + "/camera_info"
-    frame_id = found["images"][topic]["frame_id"].lstrip("/")
+    base, stream = without_transport(topic), stream_of(topic)
+    name = base.rpartition("/")[0] + "/camera_info"
     info = found["infos"].get(name)
+    if stream:
+        name, info = camera_info(found, stream)
+    frame_id = found["images"][topic]["frame_id"].lstrip("/")
     if info is None:
         return _Camera(topic, frame_id, None, f"no CameraInfo {name} beside {topic}")
     intrinsics = _intrinsics(info, "rect" in base.rpartition("/")[2])
@@ -351,7 +346,7 @@ def _registration(
     """
     if color.intrinsics is None:
         return color.why_not
-    pose = _realsense_pose(found, depth.topic, color.topic)
+    pose = relative_pose(found, color.topic, depth.topic)
     if pose is None and depth.frame_id == color.frame_id:
         pose = np.eye(4)
     if pose is None:
@@ -364,29 +359,6 @@ def _registration(
     if is_same and np.array_equal(pose, np.eye(4)):
         return None
     return Registration(color.intrinsics, pose[:3, :3], pose[:3, 3])
-
-
-def _realsense_pose(found: Mapping[str, Any], depth: str, color: str) -> NDArray[np.float64] | None:
-    """Return T_color_depth of a RealSense's recording; None if the bag does not state it.
-
-    The recorder stores the pose of each stream relative to a common reference stream.
-    """
-    if not (color.endswith(_REALSENSE_SENSOR) and depth.endswith(_REALSENSE_SENSOR)):
-        return None
-    streams = [topic.removesuffix(_REALSENSE_SENSOR) + "/tf/" for topic in (color, depth)]
-    # The rest of the topic's name is the number of the reference stream.
-    of_color, of_depth = (
-        {name.removeprefix(stream): pose for name, pose in found["poses"].items()
-         if name.startswith(stream)}
-        for stream in streams
-    )  # fmt: skip
-    both = sorted(of_color.keys() & of_depth.keys())
-    if not both:
-        return None
-    to_color, to_depth = rigid(of_color[both[0]]), rigid(of_depth[both[0]])
-    if to_color is None or to_depth is None:
-        return None
-    return product(to_color, inverse(to_depth))
 
 
 def _most_apart_ns(found: Mapping[str, Any], color: str) -> int:
