@@ -531,6 +531,70 @@ def test_the_lens_of_a_realsense_is_that_of_its_text(is_packed: bool, tmp_path: 
         capture.open_rgbd(f"rgbd-bag:{path}")
 
 
+BLACK_TO_RED = {"y": [16, 235, 81, 81], "u": [128, 90], "v": [128, 240]}
+"""Black, white and two red pixels by the tables of ITU-R BT.601."""
+YUV = {
+    "yuv422": "u0 y0 v0 y1 u1 y2 v1 y3",
+    "UYVY": "u0 y0 v0 y1 u1 y2 v1 y3",
+    "yuv422_yuy2": "y0 u0 y1 v0 y2 u1 y3 v1",
+    "YUYV": "y0 u0 y1 v0 y2 u1 y3 v1",
+}
+
+
+@pytest.mark.parametrize("encoding", YUV)
+def test_colours_of_yuv_422(encoding: str, tmp_path: Path) -> None:
+    row = [BLACK_TO_RED[name][int(number)] for name, number in YUV[encoding].split()]
+    pixels = np.tile(np.array(row, np.uint8).reshape(4, 2), (62, 20, 1))
+    made = replace(image(pixels, encoding, 1.0), width=80, header=header(1.0, "color"))
+    messages = [*cameras(), depth_at(1.0, millimetres(0)), (1.0, COLOR, IMAGE, made)]
+    messages[1] = (0.0, "/camera/color/camera_info", INFO, info(COLORS, "color", (80, 62)))
+    (frame,) = capture.open_rgbd(bag_of(tmp_path, messages))
+    assert frame.color is not None
+    expected = [[0, 0, 0], [255, 255, 255], [255, 0, 0], [255, 0, 0]]
+    assert np.abs(frame.color[9, 40:44].astype(int) - expected).max() <= 1
+    odd = replace(made, width=79)
+    messages[-1] = (1.0, COLOR, IMAGE, odd)
+    with pytest.raises(FormatError, match="expected an even width"):
+        list(capture.open_rgbd(bag_of(tmp_path / "odd", messages)))
+
+
+@pytest.mark.parametrize("encoding", ["mono8", "8UC1", "Y8"])
+def test_grey_images_of_a_topic_of_colours_are_colours(encoding: str, tmp_path: Path) -> None:
+    """Grey images of other topics are infrared ones."""
+    grey = colors(0)[..., 0]
+    made = replace(image(grey, encoding, 1.0), header=header(1.0, "color"))
+    camera = cameras()[1][3]
+    for topic, is_color in (("/camera/color", True), ("/rgbd_camera/ir", False)):
+        messages = [*cameras(), depth_at(1.0, millimetres(0))]
+        messages[1] = (0.0, f"{topic}/camera_info", INFO, camera)
+        messages.append((1.0, f"{topic}/image_raw", IMAGE, made))
+        (frame,) = capture.open_rgbd(bag_of(tmp_path / topic[1:5], messages))
+        assert (frame.color is not None) == is_color
+        if frame.color is not None:
+            assert np.array_equal(frame.color, np.repeat(grey[..., None], 3, axis=2))
+
+
+def test_colours_of_a_realsense_that_zstd_compressed(tmp_path: Path) -> None:
+    uyvy = np.tile(np.array([128, 235], np.uint8), (62, 82, 1)).view(np.uint16)[..., 0]
+    for is_packed in (True, False):
+        place = tmp_path / str(is_packed)
+        path = realsense_ros2(place, is_packed=is_packed, raw_color=("UYVY", uyvy))
+        (frame,) = capture.open_rgbd(f"rgbd-bag:{path}")
+        assert frame.color is not None
+        assert (frame.color == 255).all()
+
+
+def test_colours_of_another_encoding_are_told(tmp_path: Path) -> None:
+    made = replace(color_at(1.0, 0)[3], encoding="nv12")
+    uri = bag_of(tmp_path, [*cameras(), depth_at(1.0, millimetres(0)), (1.0, COLOR, IMAGE, made)])
+    reason = f"frames have no colour: {COLOR} has images of 'nv12', which are not read"
+    camera = Intrinsics(64, 48, 70.0, 70.0, 32.0, 24.0)
+    for given in (None, camera, RgbdCalibration(camera)):
+        with pytest.warns(UserWarning, match=reason):
+            source = capture.open_rgbd(uri, camera=given)
+        assert source[0].color is None
+
+
 def test_a_realsense_without_a_depth_unit_is_told(tmp_path: Path) -> None:
     path = realsense_ros2(tmp_path / "a", is_packed=True, options=(), units=(0.0,))
     with pytest.warns(UserWarning, match="Depth_0 states no depth unit; 1000 per metre"):

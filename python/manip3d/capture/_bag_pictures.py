@@ -24,6 +24,13 @@ images converted from OpenCV, whose order is blue, green, red."""
 _BAYER = {"bayer_rggb8": "BG", "bayer_bggr8": "RG", "bayer_gbrg8": "GR", "bayer_grbg8": "GB"}
 """Bayer patterns of ROS and OpenCV's name of each: ROS names the first pixels of the first two
 rows, OpenCV the second and third pixel of the second row."""
+_UYVY = ("yuv422", "UYVY", "uyvy")
+_YUYV = ("yuv422_yuy2", "YUYV", "yuyv", "YUY2")
+"""Encodings with a luma for each pixel and two chromas for each pair of pixels: before and after
+the lumas in turn. The names in capitals are RealSense's."""
+COLOR_ENCODINGS = (*(name for name, channels in _CHANNELS.items() if channels > 1), *_UYVY, *_YUYV)
+"""Encodings of uncompressed images with colours that need no package to be decoded."""
+GREY_ENCODINGS = ("mono8", "8UC1", "Y8")
 _MAX_PIXELS = 1 << 26  # largest number of pixels in a picture
 
 
@@ -33,8 +40,8 @@ def decoded(picture: BagPicture) -> NDArray[np.uint8]:
     Raises
     ------
     FormatError
-        The encoding is none of rgb8, bgr8, 8UC3, rgba8, bgra8, mono8, bayer_*8, JPEG and PNG, or
-        the message has too few bytes.
+        The encoding is none of rgb8, bgr8, 8UC3, rgba8, bgra8, mono8, yuv422, yuv422_yuy2,
+        bayer_*8, JPEG and PNG, or the message has too few bytes.
     MissingExtraError
         OpenCV (``bayer_*8``) or Pillow (JPEG, PNG) is not installed.
     """
@@ -45,9 +52,11 @@ def decoded(picture: BagPicture) -> NDArray[np.uint8]:
         except FormatError as error:
             raise FormatError(f"{name}: {error.reason}") from error
     encoding = header["encoding"]
-    channels = 1 if encoding in _BAYER else _CHANNELS.get(encoding)
+    if encoding in (*_UYVY, *_YUYV):
+        return _decoded_yuv(picture)
+    channels = 1 if encoding in (*_BAYER, *GREY_ENCODINGS) else _CHANNELS.get(encoding)
     if channels is None:
-        known = ", ".join([*_CHANNELS, *_BAYER])
+        known = ", ".join([*_CHANNELS, *_UYVY, *_YUYV, *_BAYER])
         raise FormatError(f"{name}: expected one of the encodings {known}, got {encoding!r}")
     rows = rows_of(picture, channels)
     if encoding in _BAYER:
@@ -59,6 +68,24 @@ def decoded(picture: BagPicture) -> NDArray[np.uint8]:
         return np.ascontiguousarray(rows)
     pixels = rows.reshape(len(rows), -1, channels)[..., :3]
     return np.ascontiguousarray(pixels[..., ::-1] if encoding in _BLUE_FIRST else pixels)
+
+
+def _decoded_yuv(picture: BagPicture) -> NDArray[np.uint8]:
+    """Decode an image of YUV 4:2:2 with luma of 16 to 235, by ITU-R BT.601."""
+    header = picture.header
+    if header["width"] % 2:
+        raise FormatError(
+            f"{header['picture']}: expected an even width of an image of {header['encoding']}, got "
+            f"{header['width']}"
+        )
+    pairs = rows_of(picture, 2).astype(np.int32).reshape(header["height"], -1, 2, 2)
+    luma, chroma = (1, 0) if header["encoding"] in _UYVY else (0, 1)
+    y = 298 * (pairs[..., luma] - 16)
+    u, v = (pairs[:, :, which, None, chroma] - 128 for which in (0, 1))
+    # The coefficients of BT.601 times 256.
+    rgb = np.stack([y + 409 * v, y - 100 * u - 208 * v, y + 516 * u], axis=-1)
+    pixels = ((rgb + 128) >> 8).clip(0, 255).astype(np.uint8)
+    return pixels.reshape(header["height"], -1, 3)
 
 
 def rows_of(picture: BagPicture, pixel_bytes: int) -> NDArray[np.uint8]:

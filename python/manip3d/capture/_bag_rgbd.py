@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import re
 import struct
 import warnings
 from collections import deque
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import astuple, dataclass
 from itertools import islice, takewhile
@@ -17,7 +18,13 @@ import numpy as np
 from manip3d._util.callers import caller_level
 from manip3d.camera import Intrinsics, Registration
 from manip3d.capture._bag import BagPicture, BagRecording
-from manip3d.capture._bag_pictures import decoded, pose_of, rows_of
+from manip3d.capture._bag_pictures import (
+    COLOR_ENCODINGS,
+    GREY_ENCODINGS,
+    decoded,
+    pose_of,
+    rows_of,
+)
 from manip3d.capture._bag_realsense import (
     camera_info,
     per_metre,
@@ -37,7 +44,9 @@ if TYPE_CHECKING:
 
 _MILLIMETRES = ("16UC1", "mono16", "Z16")
 _METRES = "32FC1"
-_COLORS = ("rgb8", "bgr8", "rgba8", "bgra8", "8UC3")
+_COLOR_NAME = re.compile("colou?r|rgb(?!d)", re.IGNORECASE)
+"""Part of the name of a topic that says that its images are the colour camera's; grey ones of other
+topics may be infrared images."""
 _NO_COLORS = ("16UC1", "mono16", "32FC1", "8UC1")
 """Encodings of compressed pictures (image_transport) that may be depth images, hence not colour."""
 _LEAST_APART_NS, _MOST_APART_NS = 20_000_000, 200_000_000
@@ -151,6 +160,7 @@ class BagImages:
                 return not fits, *_remoteness(depth, color)
 
             nearest = min(colors, key=fit, default=None)
+            self._warn_of_colors([] if nearest else _unread_colors(found))
             return camera, nearest.topic if nearest else ""
         intrinsics = camera or depth.intrinsics
         if intrinsics is None:
@@ -165,12 +175,15 @@ class BagImages:
         if known:
             color, registration = min(known, key=lambda each: _remoteness(depth, *each))
             return RgbdCalibration(intrinsics, registration), color.topic
+        self._warn_of_colors(reasons + _unread_colors(found))
+        return RgbdCalibration(intrinsics), ""
+
+    def _warn_of_colors(self, reasons: Sequence[str]) -> None:
         if reasons:
             warnings.warn(
                 f"{self._path}: frames have no colour: {'; '.join(reasons)}",
                 stacklevel=caller_level(),
             )
-        return RgbdCalibration(intrinsics), ""
 
     def _millimetres(self, picture: BagPicture) -> NDArray[np.uint16]:
         """Return the depth in millimetres; 0 if it is not measured or more than 65.535 m.
@@ -270,15 +283,36 @@ def _is_depth(topic: str, image: Mapping[str, Any]) -> bool:
 def _color_topics(found: Mapping[str, Any]) -> list[str]:
     """Return the topics of colour images, uncompressed ones first."""
     images: Mapping[str, Mapping[str, Any]] = found["images"]
-    raw = [name for name, image in images.items() if image["encoding"] in _COLORS]
+    raw = [
+        name
+        for name, image in images.items()
+        if image["encoding"] in COLOR_ENCODINGS
+        or (image["encoding"] in GREY_ENCODINGS and _is_named_color(name))
+    ]
     packed = [
         name
         for name, image in images.items()
         if image["format"] and "compressedDepth" not in image["format"]
-        and "mono" not in image["format"] and name.rpartition("/")[0] not in raw
+        and ("mono" not in image["format"] or _is_named_color(name))
         and image["format"].partition(";")[0].strip() not in _NO_COLORS
+        and name.rpartition("/")[0] not in raw
     ]  # fmt: skip
     return sorted(raw) + sorted(packed)
+
+
+def _is_named_color(topic: str) -> bool:
+    return _COLOR_NAME.search(topic) is not None
+
+
+def _unread_colors(found: Mapping[str, Any]) -> list[str]:
+    """Return why topics whose names say that they have colours are not read."""
+    images: Mapping[str, Mapping[str, Any]] = found["images"]
+    read = _color_topics(found)
+    return [
+        f"{name} has images of {image['encoding'] or image['format']!r}, which are not read"
+        for name, image in sorted(images.items())
+        if _is_named_color(name) and not _is_depth(name, image) and name not in read
+    ]
 
 
 def _camera_of(found: Mapping[str, Any], topic: str) -> _Camera:
