@@ -989,9 +989,9 @@ PLY_BODY = "0 0 0\n1 0 0\n0 1 0\n"
         (PLY_HEAD + PLY_FACE + PLY_BODY + "3 0 1 2 5\n", 13, "element face: more values"),
         (PLY_HEAD + PLY_FACE + PLY_BODY + "\n\n\n\n", 17, "file ends within element face"),
         (
-            PLY_HEAD + PLY_FACE + "0 0 nan\n" + PLY_BODY,
+            PLY_HEAD + PLY_FACE + "0 0 nan\n" + PLY_BODY[:12] + "3 0 1 2\n",
             10,
-            "z: expected a finite number, got 'nan'",
+            "z: expected a finite number",
         ),
         (
             "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nend_header\n0\n",
@@ -1022,8 +1022,54 @@ def test_binary_ply_errors_name_the_byte() -> None:
     assert caught.reason == "vertex index: expected 0 to 3, got 4"
     caught = error(data[:-2], "ply")
     assert (caught.byte_offset, caught.reason) == (len(data) - 2, "file ends within face")
+    data = ply("binary_little_endian", header, [*vertex_elements(), [("uchar int", [0, 1, 3])]])
     caught = error(data[: body + 4] + struct.pack("<f", np.inf) + data[body + 8 :], "ply")
-    assert caught.byte_offset == body
+    assert (caught.byte_offset, caught.reason) == (body, "y: expected a finite number")
+    square = ply(
+        "binary_little_endian", header, [*vertex_elements(), [("uchar int", [0, 1, 2, 3])]]
+    )
+    caught = error(square[: body + 24] + struct.pack("<f", np.nan) + square[body + 28 :], "ply")
+    assert (caught.byte_offset, caught.reason) == (body + 24, "x: expected a finite number")
+
+
+@pytest.mark.parametrize("encoding", PLY_FORMATS)
+def test_ply_vertices_that_no_face_uses_may_have_no_position(encoding: str, tmp_path: Path) -> None:
+    """Programs that mesh a depth image write one vertex per pixel, measured or not."""
+    names = "".join(f"property float {name}\n" for name in ("x", "y", "z", "nx", "ny", "nz"))
+    names += "".join(f"property uchar {name}\n" for name in ("red", "green", "blue"))
+    header = f"element vertex 7\n{names}element face 2\nproperty list uchar int vertex_indices\n"
+    rows: list[list[tuple[str, float | list[float]]]] = []
+    for i, point in enumerate([None, *POINTS[:2], None, *POINTS[2:], None]):
+        values = [("float", v) for v in (point or (np.nan, 0.0, np.nan))]
+        rows.append([*values, *[("float", v) for v in (0, 0, i)], *[("uchar", i)] * 3])
+    faces: list[list[tuple[str, float | list[float]]]] = [
+        [("uchar int", [1, 2, 4, 5])], [("uchar int", [1, 2, 4])],
+    ]  # fmt: skip
+    (tmp_path / "m.ply").write_bytes(ply(encoding, header, [*rows, *faces]))
+    report = io.read_report(tmp_path / "m.ply")
+    assert report.warnings == (
+        "3 vertices without a finite position, which no face uses, are left out",
+    )
+    mesh = report.mesh
+    assert mesh.vertices.tolist() == [list(map(float, p)) for p in POINTS]
+    assert sorted(map(sorted, mesh.faces[:2].tolist())) in (
+        [[0, 1, 2], [0, 2, 3]],
+        [[0, 1, 3], [1, 2, 3]],
+    )
+    assert mesh.faces[2].tolist() == [0, 1, 2]
+    assert mesh.colors is not None
+    assert mesh.colors[:, 0].tolist() == [1, 2, 4, 5]
+    assert mesh.normals is not None
+    assert mesh.face_normals is not None
+    assert mesh.normals[mesh.face_normals[2], 2].tolist() == [1.0, 2.0, 4.0]
+
+
+def test_ply_may_be_named_in_capitals(tmp_path: Path) -> None:
+    text = PLY_HEAD.replace("ply", "PLY") + PLY_FACE + PLY_BODY + "3 0 1 2\n"
+    for name in ("m.ply", "m"):  # by its suffix, and by its content
+        (tmp_path / name).write_text(text)
+        assert io.read_mesh(tmp_path / name).num_faces == 1
+    assert read_mesh_bytes(text.replace("\n", "\r").encode(), "ply").num_faces == 1
 
 
 # --- OFF ------------------------------------------------------------------------------------

@@ -135,6 +135,47 @@ MeshBuilder::Complete MeshBuilder::check_forward_references() const {
   return complete;
 }
 
+void MeshBuilder::add_not_finite(char coordinate, const FormatError::Position& position) {
+  const bool is_line = position.line.has_value();
+  const std::int64_t place = is_line ? *position.line : position.byte_offset.value_or(0);
+  not_finite_.push_back(
+      {place, static_cast<std::int32_t>(vertices.size() - 1), coordinate, is_line});
+}
+
+void MeshBuilder::check_positions() const {
+  if (!not_finite_.empty()) refuse(not_finite_.front());
+}
+
+void MeshBuilder::refuse(const NotFinite& vertex) {
+  const std::string reason = std::string(1, vertex.coordinate) + ": expected a finite number";
+  if (vertex.is_line) throw FormatError::at_line(vertex.place, reason);
+  throw FormatError::at_byte(vertex.place, reason);
+}
+
+void MeshBuilder::leave_out_not_finite(ReadResult& result) {
+  if (not_finite_.empty()) return;
+  std::vector<bool> is_used(vertices.size());
+  // The triangles of a polygon have all of its corners.
+  const std::span<std::int32_t> corners(faces_.row(0), 3 * faces_.size());
+  for (const std::int32_t vertex : corners) is_used[vertex] = true;
+  std::vector<bool> is_left_out(vertices.size());
+  for (const NotFinite& each : not_finite_) {
+    if (is_used[each.vertex]) refuse(each);
+    is_left_out[each.vertex] = true;
+  }
+  std::vector<std::int32_t> new_index(vertices.size());
+  std::int32_t kept = 0;
+  for (std::size_t i = 0; i < new_index.size(); ++i) new_index[i] = is_left_out[i] ? kept : kept++;
+  const auto is_kept = [&](std::int64_t i) { return !is_left_out[i]; };
+  vertices.keep(is_kept);
+  colors.keep(is_kept);
+  for (std::int32_t& vertex : corners) vertex = new_index[vertex];
+  for (std::int64_t i = 0; i < corners_.size(); ++i) *corners_.row(i) = new_index[*corners_.row(i)];
+  warn(result.warnings,
+       std::to_string(not_finite_.size()) +
+           " vertices without a finite position, which no face uses, are left out");
+}
+
 void MeshBuilder::cut_polygons() {
   PolygonTriangulator triangulator;
   std::vector<Eigen::Vector3d> positions;
@@ -217,6 +258,7 @@ void MeshBuilder::finish(ReadResult& result) {
   if (!face_texcoords_.empty()) face_texcoords_.fill(faces_.size(), kNone, input_);
   if (!face_normals_.empty()) face_normals_.fill(faces_.size(), kNone, input_);
   if (!face_material_.empty()) face_material_.fill(faces_.size(), kNone, input_);
+  leave_out_not_finite(result);
   cut_polygons();
   if (may_have_nan) {
     leave_out_nan(texcoords.row(0), texcoords.size(), 2, face_texcoords_.row(0),

@@ -43,6 +43,15 @@ class GrowingTable {
   void fill(std::int64_t rows, Scalar value, const InputBuffer& input) {
     while (size_ < rows) std::fill_n(append(input), kColumns, value);
   }
+  /// Keeps the rows for which `is_kept(row)`.
+  template <typename IsKept>
+  void keep(const IsKept& is_kept) {
+    std::int64_t kept = 0;
+    for (std::int64_t i = 0; i < size_; ++i) {
+      if (is_kept(i)) std::copy_n(row(i), kColumns, row(kept++));
+    }
+    size_ = kept;
+  }
   Matrix take() {
     matrix_.conservativeResize(size_, Eigen::NoChange);
     size_ = 0;
@@ -87,6 +96,12 @@ class MeshBuilder {
   /// warns of it.
   bool may_have_nan = false;
 
+  /// Notes that a coordinate ('x', 'y' or 'z') of the last vertex is NaN or infinite. finish()
+  /// leaves such vertices out and warns of it, unless a face uses one.
+  void add_not_finite(char coordinate, const FormatError::Position& position);
+  /// @throws FormatError  a coordinate of a vertex is not finite.
+  void check_positions() const;
+
   void reserve_faces(std::int64_t num_faces) { faces_.reserve(num_faces); }
 
   /// Adds a polygon. One with fewer than three corners is left out, and finish() warns of it.
@@ -113,7 +128,8 @@ class MeshBuilder {
 
   /// Checks indices of rows that were not read yet, triangulates the polygons, and moves the tables
   /// to `result`.
-  /// @throws FormatError  (at the first such polygon) the index of a vertex is out of range.
+  /// @throws FormatError  (at the first such polygon) the index of a vertex is out of range, or (at
+  ///                      the vertex) a face uses a vertex that is not finite.
   void finish(ReadResult& result);
 
   /// Moves the colours of all vertices to the result; empty if the file has none.
@@ -130,6 +146,15 @@ class MeshBuilder {
     FormatError::Position position;
   };
 
+  /// A vertex with a coordinate that is NaN or infinite; small, because there may be millions.
+  struct NotFinite {
+    std::int64_t place;  ///< Line or byte.
+    std::int32_t vertex;
+    char coordinate;
+    bool is_line;
+  };
+
+  [[noreturn]] static void refuse(const NotFinite& vertex);
   void add_triangle(const Corner& a, const Corner& b, const Corner& c);
   void warn_of_losses(ReadResult& result);
   /// Whether all texture coordinates and normals exist that faces refer to.
@@ -138,12 +163,14 @@ class MeshBuilder {
   };
   /// Missing texture coordinates and normals are no error, because they do not change the surface.
   [[nodiscard]] Complete check_forward_references() const;
+  void leave_out_not_finite(ReadResult& result);
   void cut_polygons();
   void use_face_colors(ReadResult& result);
 
   const InputBuffer& input_;
   std::int64_t first_index_;
   GrowingTable<Faces> faces_;
+  std::vector<NotFinite> not_finite_;  ///< In ascending order.
   GrowingTable<Faces> face_texcoords_;
   GrowingTable<Faces> face_normals_;
   GrowingTable<Indices> face_material_;

@@ -224,7 +224,9 @@ std::optional<MeshFormat> format_of_content(std::string_view head,
                             "CSTOFF", "NCOFF", "NSTOFF", "NCSTOFF"}) {
     if (head.starts_with(start)) return MeshFormat::kOff;
   }
-  if (head.starts_with("ply\n") || head.starts_with("ply\r")) return MeshFormat::kPly;
+  for (const char* start : {"ply\n", "ply\r"}) {
+    if (starts_with_in_any_case(head, start)) return MeshFormat::kPly;
+  }
   if (head.starts_with("glTF")) return MeshFormat::kGlb;
   if (head.starts_with("{")) return MeshFormat::kGltf;
   // First lines of other formats that would be comments in OBJ.

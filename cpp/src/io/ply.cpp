@@ -107,9 +107,9 @@ class RowReader {
   }
 
   // Reads an element from a line, as in Turk's original format.
-  /// Normals and texture coordinates, which do not change the surface.
+  /// Normals and texture coordinates do not change the surface; vertices may lack a position.
   static bool may_be_nan(Role role) {
-    return role == kNx || role == kNy || role == kNz || role == kS || role == kT;
+    return (role >= kX && role <= kNz) || role == kS || role == kT;
   }
 
   void read_line(const Element& element) {
@@ -294,6 +294,7 @@ class PlyReader {
 
   RangeGrid read_grid() {
     read_elements();
+    builder_.check_positions();
     if (!has_grid_) throw FormatError("no range_grid in this file", {});
     Colors colors = builder_.take_colors();  // first, because it needs the number of vertices
     RangeGrid grid{header_.num_rows, header_.num_cols, grid_.take(), builder_.vertices.take(),
@@ -405,9 +406,10 @@ class PlyReader {
     for (std::int64_t i = 0; i < e.count; ++i) {
       row.read(e);
       double* position = builder_.vertices.append(input_);
-      position[0] = row.finite(kX, "x");
-      position[1] = row.finite(kY, "y");
-      position[2] = row.finite(kZ, "z");
+      for (int k = 0; k < 3; ++k) position[k] = row.scalars[kX + k];
+      if (!std::isfinite(position[0] + position[1] + position[2])) {
+        note_position(position, row);
+      }
       if (has_normals_) {
         double* normal = builder_.normals.append(input_);
         for (int k = 0; k < 3; ++k) normal[k] = row.scalars[kNx + k];
@@ -430,6 +432,16 @@ class PlyReader {
       }
     }
     if (has_colors_ && color_scale_ == kScaleOf16Bits) finish_16_bit_colors();
+  }
+
+  /// Vertices without a position are left out unless a face uses them: scanners and programs that
+  /// mesh depth images write one vertex per pixel.
+  void note_position(const double* position, const RowReader& row) {
+    for (int k = 0; k < 3; ++k) {
+      if (std::isfinite(position[k])) continue;
+      builder_.add_not_finite("xyz"[k], row.position());
+      return;
+    }
   }
 
   void read_texture_vertices(const Element& e, RowReader& row, std::int64_t sure) {

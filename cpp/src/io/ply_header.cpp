@@ -6,6 +6,7 @@
 #include <string_view>
 #include <system_error>
 
+#include "parse/letters.hpp"
 #include "parse/line_cursor.hpp"
 
 namespace manip3d::ply {
@@ -112,9 +113,11 @@ class HeaderReader {
 
   Header read() {
     const std::string_view start = input_.peek(5);
-    if (start.starts_with("ply\r") && !start.ends_with('\n')) input_.end_lines_with_cr();
+    if (starts_with_in_any_case(start, "ply\r") && !start.ends_with('\n')) {
+      input_.end_lines_with_cr();
+    }
     std::string_view line;
-    if (!input_.next_line(line) || LineCursor(line, 1).word() != "ply") {
+    if (!input_.next_line(line) || lower_case(LineCursor(line, 1).word()) != "ply") {
       throw FormatError::at_line(1, "expected 'ply'");
     }
     bool has_format = false;
