@@ -2,15 +2,18 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <bit>
 #include <cmath>
 #include <filesystem>
 #include <fstream>
 #include <map>
+#include <span>
 #include <string>
 #include <vector>
 
 #include "capture/azure_calibration.hpp"
 #include "capture/jpeg.hpp"
+#include "capture/raw_color.hpp"
 #include "ffmpeg.hpp"
 #include "manip3d/capture/mkv.hpp"
 #include "manip3d/error.hpp"
@@ -194,7 +197,8 @@ struct Block {
 };
 
 Bytes recording(const std::vector<Block>& blocks, ImageSize depth, ImageSize color,
-                const char* color_kind = "MJPG", const char* offset_ns = "1000000500") {
+                const char* color_kind = "MJPG", const char* offset_ns = "1000000500",
+                double duration_ms = 0.0) {
   const Bytes tracks = element(0x1654AE6B, video_track(1, "COLOR", color_kind, color) +
                                                video_track(2, "DEPTH", "b16g", depth) +
                                                video_track(3, "IR", "b16g", depth));
@@ -207,6 +211,11 @@ Bytes recording(const std::vector<Block>& blocks, ImageSize depth, ImageSize col
       0x1254C367, element(0x7373, element(0x63C0, Bytes()) +
                                       element(0x67C8, element(0x45A3, "K4A_START_OFFSET_NS") +
                                                           element(0x4487, offset_ns))));
+  // In units of the time scale above, which are microseconds.
+  const Bytes duration =
+      duration_ms > 0.0
+          ? element(0x4489, number(std::bit_cast<std::uint64_t>(1000.0 * duration_ms), 8))
+          : Bytes();
   Bytes clusters;
   for (const Block& block : blocks) {
     clusters += element(0x1F43B675, element(0xE7, block.time_us) +
@@ -215,8 +224,8 @@ Bytes recording(const std::vector<Block>& blocks, ImageSize depth, ImageSize col
   }
   return element(0x1A45DFA3,
                  element(0x4282, "matroska") + element(0x4287, 4) + element(0x4285, 2)) +
-         element(0x18538067, element(0x1549A966, element(0x2AD7B1, 1000)) + tracks + attached +
-                                 tags + clusters);
+         element(0x18538067, element(0x1549A966, element(0x2AD7B1, 1000) + duration) + tracks +
+                                 attached + tags + clusters);
 }
 
 Bytes depth_block(ImageSize size, int seed) {
@@ -359,8 +368,99 @@ TEST_F(AzureMkv, OffsetsOfTheClockNeverOverflow) {
   }
 }
 
+TEST_F(AzureMkv, ReadsColorsThatAreNotCompressed) {
+  // Red of ITU-R BT.601: Y 81, U 90, V 240.
+  const Bytes luma(64 * 48, 81);
+  const auto repeated = [](const Bytes& bytes, int times) {
+    Bytes all;
+    for (int i = 0; i < times; ++i) all += bytes;
+    return all;
+  };
+  const std::map<const char*, Bytes> images = {
+      {"NV12", luma + repeated("\x5A\xF0", 32 * 24)},
+      {"YUY2", repeated("\x51\x5A\x51\xF0", 32 * 48)},
+      {"BGRA", repeated(Bytes("\x00\x00\xFF\x00", 4), 64 * 48)},
+  };
+  for (const auto& [kind, image] : images) {
+    write(recording({{2, 0, depth_block(kDepth, 0)},
+                     {1, 0, image},
+                     {2, 33'000, depth_block(kDepth, 1)},
+                     {1, 33'000, image.substr(1)}},
+                    kDepth, kColor, kind));
+    const auto source = open_mkv(path_);
+    RgbdFrame frame;
+    ASSERT_EQ(source->read(frame, 0ms), ReadStatus::kFrame) << kind;
+    ASSERT_EQ(std::ssize(frame.color), 3 * kColor.rows * kColor.cols) << kind;
+    for (std::size_t i = 0; i < frame.color.size(); ++i) {
+      ASSERT_NEAR(frame.color[i], i % 3 == 0 ? 255 : 0, 1) << kind << ' ' << i;
+    }
+    EXPECT_EQ(source->read(frame, 0ms), ReadStatus::kEnd) << kind;  // an image that is too short
+    const Counters counters = source->counters();
+    const std::map<std::string, std::int64_t> counted(counters.begin(), counters.end());
+    EXPECT_EQ(counted.at("damaged"), 1) << kind;
+    EXPECT_FALSE(counted.contains("cut_short")) << kind;  // this file states no duration
+  }
+}
+
+TEST_F(AzureMkv, PixelsOfUncompressedColorsAreInTheirOrder) {
+  const auto decoded = [](RawColor layout, const Bytes& image, ImageSize size) {
+    std::vector<std::uint8_t> rgb(3 * size.rows * size.cols);
+    decode_raw_color(layout, std::as_bytes(std::span(image)), size, rgb.data());
+    return rgb;
+  };
+  const auto greys = [](std::initializer_list<int> levels) {
+    std::vector<std::uint8_t> rgb;
+    for (const int level : levels) rgb.insert(rgb.end(), 3, static_cast<std::uint8_t>(level));
+    return rgb;
+  };
+  // Lumas of black, dark grey, light grey and white.
+  EXPECT_EQ(decoded(RawColor::kNv12, Bytes("\x10\x35\xC0\xEB\x80\x80", 6), {2, 2}),
+            greys({0, 43, 205, 255}));
+  EXPECT_EQ(decoded(RawColor::kYuy2, Bytes("\x10\x80\x35\x80\xC0\x80\xEB\x80", 8), {2, 2}),
+            greys({0, 43, 205, 255}));
+  EXPECT_EQ(decoded(RawColor::kBgra, Bytes("\x03\x02\x01\x00\x06\x05\x04\x00", 8), {1, 2}),
+            (std::vector<std::uint8_t>{1, 2, 3, 4, 5, 6}));
+  EXPECT_THROW(decoded(RawColor::kYuy2, Bytes(6, '\0'), {1, 3}), FormatError);
+  EXPECT_THROW(decoded(RawColor::kNv12, Bytes(9, '\0'), {3, 2}), FormatError);
+  EXPECT_THROW(decoded(RawColor::kBgra, Bytes(9, '\0'), {1, 2}), FormatError);
+}
+
+TEST_F(AzureMkv, ARecordingWhoseLastDepthImagesAreMissingIsCutShort) {
+  for (const auto& [duration_ms, is_cut] : {std::pair{100.0, false}, std::pair{400.0, true}}) {
+    write(recording({{2, 0, depth_block(kDepth, 0)}, {2, 66'000, depth_block(kDepth, 1)}}, kDepth,
+                    kColor, "MJPG", "0", duration_ms));
+    const auto source = open_mkv(path_);
+    RgbdFrame frame;
+    while (source->read(frame, 0ms) == ReadStatus::kFrame) continue;
+    const Counters counters = source->counters();
+    const std::map<std::string, std::int64_t> counted(counters.begin(), counters.end());
+    EXPECT_EQ(counted.contains("cut_short"), is_cut) << duration_ms;
+  }
+}
+
+TEST_F(AzureMkv, ARecordingWithoutDepthIsNotCalledDamaged) {
+  const Bytes whole = recording({{1, 0, jpeg_}}, kDepth, kColor);
+  const auto reason_of = [&](const Bytes& bytes) -> std::string {
+    write(bytes);
+    try {
+      open_mkv(path_);
+    } catch (const FormatError& error) {
+      return error.reason();
+    }
+    return "";
+  };
+  Bytes passive = whole;
+  passive.replace(passive.find("DEPTH"), 5, "OTHER");
+  EXPECT_EQ(reason_of(passive),
+            "a recording of an Azure Kinect without depth images: its depth mode was passive "
+            "infrared or off");
+  Bytes film = passive;
+  film.replace(film.find("K4A_START"), 9, "SOMETHING");
+  EXPECT_NE(reason_of(film).find("this file holds no depth images"), std::string::npos);
+}
+
 TEST_F(AzureMkv, RefusesOtherKindsOfImages) {
-  write(recording({{2, 0, depth_block(kDepth, 0)}}, kDepth, kColor, "NV12"));
+  write(recording({{2, 0, depth_block(kDepth, 0)}}, kDepth, kColor, "I420"));
   EXPECT_THROW(open_mkv(path_), FormatError);
   write(recording({{2, 0, depth_block(kDepth, 0)}}, {100, 100}, kColor));
   EXPECT_THROW(open_mkv(path_), FormatError);

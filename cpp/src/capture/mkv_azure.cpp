@@ -10,6 +10,7 @@
 
 #include "capture/azure_calibration.hpp"
 #include "capture/mkv_layout.hpp"
+#include "capture/raw_color.hpp"
 #include "manip3d/capture/unmirror.hpp"
 #include "manip3d/error.hpp"
 #include "parse/json_text.hpp"
@@ -19,9 +20,12 @@ namespace {
 
 constexpr const char* kDepthTitle = "DEPTH";
 constexpr const char* kColorTitle = "COLOR";
+constexpr const char* kOffsetTag = "K4A_START_OFFSET_NS";
 constexpr std::uint32_t kBigEndianGray = 'b' | '1' << 8 | '6' << 16 | 'g' << 24;
 // Microseconds: limit of times, so that the difference of two fits 64 bits in nanoseconds
 constexpr std::int64_t kMaxTime = std::int64_t{1} << 51;
+// Images at the end of a recording that may be missing although its file is complete
+constexpr std::int64_t kLastImages = 2;
 constexpr std::size_t kMaxWaiting = 8;  // images of one kind that wait for the other kind
 // nanoseconds between frames, for files that do not state it
 constexpr std::int64_t kUsualPeriod = 1'000'000'000 / 30;
@@ -42,7 +46,8 @@ std::int64_t start_offset_ns(const std::string& text) {
   const char* end = text.data() + text.size();
   const auto [stopped, error] = std::from_chars(text.data(), end, offset);
   if (error == std::errc() && stopped == end && std::abs(offset / 1000) <= kMaxTime) return offset;
-  throw FormatError("K4A_START_OFFSET_NS: expected nanoseconds, at most 73 years, got " + text, {});
+  throw FormatError(
+      std::string(kOffsetTag) + ": expected nanoseconds, at most 73 years, got " + text, {});
 }
 
 class AzureSource final : public RgbdSource {
@@ -57,7 +62,7 @@ class AzureSource final : public RgbdSource {
       throw InputError("calibration.depth: expected the size of the recording's depth images, " +
                        std::to_string(depth_size_.cols) + " x " + std::to_string(depth_size_.rows));
     }
-    offset_ns_ = start_offset_ns(file_->tag("K4A_START_OFFSET_NS"));
+    offset_ns_ = start_offset_ns(file_->tag(kOffsetTag));
   }
 
   [[nodiscard]] SourceCapabilities capabilities() const override { return {}; }
@@ -71,6 +76,7 @@ class AzureSource final : public RgbdSource {
     Counters counters = {
         {"frames", frames_}, {"without_color", without_color_}, {"damaged", damaged_}};
     if (unregistered_color_ > 0) counters.emplace_back("unregistered_color", unregistered_color_);
+    if (cut_short_) counters.emplace_back("cut_short", 1);
     return counters;
   }
 
@@ -92,6 +98,8 @@ class AzureSource final : public RgbdSource {
       ++frames_;
       return ReadStatus::kFrame;
     }
+    const std::int64_t end_ns = 1000 * std::min(file_->duration_us(), kMaxTime);
+    cut_short_ = end_ns > 0 && latest_depth_ns_ < end_ns - kLastImages * period_ns_;
     file_->unlock();
     return ReadStatus::kEnd;
   }
@@ -137,8 +145,11 @@ class AzureSource final : public RgbdSource {
     const auto track = file_->find(kColorTitle, MkvKind::kVideo);
     if (!track) return;
     const MkvTrack& images = file_->track(*track);
-    if (images.format != MkvFormat::kMjpeg) {
-      throw FormatError(std::string("COLOR track: expected MJPEG, got ") + images.format_name, {});
+    raw_color_ = raw_color_of(images.four_cc);
+    if (images.format != MkvFormat::kMjpeg && !raw_color_) {
+      throw FormatError(
+          std::string("COLOR track: expected MJPEG, NV12, YUY2 or BGRA, got ") + images.format_name,
+          {});
     }
     color_track_ = *track;
     color_size_ = checked_size(images);
@@ -162,6 +173,7 @@ class AzureSource final : public RgbdSource {
       if (!is_depth && packet_.track != color_track_) continue;
       const std::int64_t time_ns = 1000 * std::clamp(packet_.time_us, -kMaxTime, kMaxTime);
       latest_ns_ = std::max(latest_ns_, time_ns);
+      if (is_depth) latest_depth_ns_ = std::max(latest_depth_ns_, time_ns);
       std::deque<Timed>& waiting = is_depth ? depths_ : colors_;
       waiting.push_back({time_ns, std::exchange(packet_.bytes, {})});
       if (colors_.size() > kMaxWaiting) colors_.pop_front();
@@ -203,12 +215,20 @@ class AzureSource final : public RgbdSource {
     frame.color_rows = frame.color_cols = 0;
     if (color != nullptr && is_color_registered()) {
       frame.color.resize(3 * color_size_->rows * color_size_->cols);
-      jpeg_.decode(color->bytes, *color_size_, frame.color.data());
+      decode_color(color->bytes, frame.color.data());
       frame.color_rows = color_size_->rows;
       frame.color_cols = color_size_->cols;
     }
     frame.calibration = calibration_;
     unmirror_images(*stored_, frame);
+  }
+
+  void decode_color(std::span<const std::byte> image, std::uint8_t* rgb) {
+    if (raw_color_) {
+      decode_raw_color(*raw_color_, image, *color_size_, rgb);
+    } else {
+      jpeg_.decode(image, *color_size_, rgb);
+    }
   }
 
   std::unique_ptr<MatroskaReader> file_;
@@ -218,17 +238,24 @@ class AzureSource final : public RgbdSource {
   std::optional<ImageSize> color_size_;
   std::int64_t period_ns_ = kUsualPeriod, offset_ns_ = 0;
   JpegDecoder jpeg_;
+  std::optional<RawColor> raw_color_;  // empty: MJPEG
   MatroskaPacket packet_;
   std::deque<Timed> depths_, colors_;
   std::int64_t latest_ns_ = std::numeric_limits<std::int64_t>::min();
+  std::int64_t latest_depth_ns_ = std::numeric_limits<std::int64_t>::min();
   std::int64_t number_ = 0, frames_ = 0, without_color_ = 0, damaged_ = 0;
   std::int64_t unregistered_color_ = 0;
+  bool cut_short_ = false;
 };
 
 }  // namespace
 
 bool is_azure_recording(const MatroskaReader& file) {
   return file.find(kDepthTitle, MkvKind::kVideo).has_value();
+}
+
+bool is_azure_recording_without_depth(const MatroskaReader& file) {
+  return !is_azure_recording(file) && !file.tag(kOffsetTag).empty();
 }
 
 std::unique_ptr<RgbdSource> open_azure(std::unique_ptr<MatroskaReader> file,

@@ -85,6 +85,24 @@ class ImageTrack {
   std::unique_ptr<JpegDecoder> jpeg_;
 };
 
+/// Names what a file holds that is no recording of this library.
+void check_own_recording(const MatroskaReader& file) {
+  const auto has = [&](const char* name, MkvKind kind) {
+    return file.find(name, kind).has_value();
+  };
+  if (has(mkv::kDepth, MkvKind::kVideo) || has(mkv::kFrames, MkvKind::kText)) return;
+  if (is_azure_recording_without_depth(file)) {
+    throw FormatError(
+        "a recording of an Azure Kinect without depth images: its depth mode was passive infrared "
+        "or off",
+        {});
+  }
+  throw FormatError(
+      "expected a recording with the tracks 'depth' and 'frames', or the track 'DEPTH' of an Azure "
+      "Kinect: this file holds no depth images",
+      {});
+}
+
 /// The attached calibration; its hash is checked.
 std::shared_ptr<const RgbdCalibration> read_calibration(const MatroskaReader& file) {
   const MkvTrack& attached = file.attachment(mkv::kCalibration);
@@ -351,6 +369,7 @@ std::unique_ptr<RgbdSource> open_mkv(const fs::path& path, const RgbdOptions& op
   if (is_azure_recording(*file)) {
     source = open_azure(std::move(file), options);
   } else {
+    check_own_recording(*file);
     source = std::make_unique<MkvSource>(std::move(file), options, count_frames(path));
   }
   if (options.speed == 0.0) return source;
