@@ -251,6 +251,15 @@ def test_the_unit_can_be_given(tmp_path: Path) -> None:
     assert np.array_equal(frame.depth, np.rint(millimetres(0) / 5.0))
 
 
+def test_depth_that_speaks_against_millimetres_is_told(tmp_path: Path) -> None:
+    far = np.full((48, 64), 30_000, np.uint16)
+    uri = bag_of(tmp_path, [*cameras(), depth_at(1.0, far)])
+    with pytest.warns(UserWarning, match="the median of the depth is 30 m with the 1000 units"):
+        list(capture.open_rgbd(uri))
+    (frame,) = capture.open_rgbd(uri, units_per_metre=10_000)
+    assert frame.depth[0, 0] == 3000
+
+
 def packed(stored: NDArray[np.uint16], a: float = 0.0, b: float = 0.0) -> bytes:
     stream = io.BytesIO()
     PIL_Image.fromarray(stored).save(stream, "PNG")
@@ -597,7 +606,7 @@ def test_colours_of_another_encoding_are_told(tmp_path: Path) -> None:
 
 def test_a_realsense_without_a_depth_unit_is_told(tmp_path: Path) -> None:
     path = realsense_ros2(tmp_path / "a", is_packed=True, options=(), units=(0.0,))
-    with pytest.warns(UserWarning, match="Depth_0 states no depth unit; 1000 per metre"):
+    with pytest.warns(UserWarning, match="Depth_0 states no depth unit; 1000 units per metre"):
         source = capture.open_rgbd(f"rgbd-bag:{path}")
     assert np.array_equal(source[0].depth, millimetres(0))
     (frame,) = capture.open_rgbd(f"rgbd-bag:{path}", units_per_metre=10000)

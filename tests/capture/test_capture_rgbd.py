@@ -15,6 +15,7 @@ import sys
 import textwrap
 import threading
 import time
+import warnings
 import zlib
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
@@ -502,7 +503,7 @@ def test_colours_of_another_size_without_a_registration_are_left_out(tmp_path: P
     for name, shape in (("depth", (ROWS, COLS)), ("color", (2 * ROWS, 2 * COLS, 3))):
         (tmp_path / name).mkdir()
         for number in range(3):
-            image = np.ones(shape, np.uint16 if name == "depth" else np.uint8)
+            image = np.full(shape, 1000, np.uint16) if name == "depth" else np.ones(shape, np.uint8)
             Image.fromarray(image).save(tmp_path / name / f"{number}.png")
     camera = Intrinsics(fx=60, fy=60, cx=31.5, cy=23.5, width=COLS, height=ROWS)
     with capture.open_rgbd(f"folder:{tmp_path}", camera=camera) as source:
@@ -583,15 +584,17 @@ def named_images(folder: Path, depth: list[str], color: list[str]) -> list[str]:
     for kind, names in (("depth", depth), ("color", color)):
         (folder / kind).mkdir(parents=True)
         for i, name in enumerate(names):
-            shape, dtype = ((12, 16), np.uint16) if kind == "depth" else ((12, 16, 3), np.uint8)
-            Image.fromarray(np.full(shape, i, dtype)).save(folder / kind / f"{name}.png")
+            depth_image = np.full((12, 16), 1000 + i, np.uint16)
+            image = depth_image if kind == "depth" else np.full((12, 16, 3), i, np.uint8)
+            Image.fromarray(image).save(folder / kind / f"{name}.png")
     return [str(folder / "depth" / f"{name}.png") for name in depth]
 
 
 def partners(source: capture.RgbdSource) -> list[tuple[int, int | None]]:
     """Return the places of the depth and the colour image of each frame."""
     return [
-        (int(f.depth[0, 0]), None if f.color is None else int(f.color[0, 0, 0])) for f in source
+        (int(f.depth[0, 0]) - 1000, None if f.color is None else int(f.color[0, 0, 0]))
+        for f in source
     ]
 
 
@@ -830,10 +833,62 @@ def test_8_bit_and_color_pngs_of_all_kinds(tmp_path: Path) -> None:
     (tmp_path / "rgb").mkdir()
     for kind in ("L", "P", "RGBA", "LA", "1"):
         Image.fromarray(COLOR).convert(kind).save(tmp_path / "rgb" / "0.png")
-        (frame,) = opened(tmp_path, camera=CAMERA)
+        with pytest.warns(UserWarning, match=r"depth images of 8 bits reach 0\.255 m"):
+            (frame,) = opened(tmp_path, camera=CAMERA)
         np.testing.assert_array_equal(frame.depth, grey)
         expected = Image.open(tmp_path / "rgb" / "0.png").convert("RGB")
         np.testing.assert_array_equal(frame.color, np.asarray(expected))
+
+
+@pytest.mark.parametrize("name", ["image", "images"])
+def test_other_names_of_folders_of_colours(name: str, tmp_path: Path) -> None:
+    images(tmp_path, "depth", 2, DEPTH)
+    images(tmp_path, name, 2, COLOR)
+    for i, frame in enumerate(opened(tmp_path, camera=CAMERA)):
+        np.testing.assert_array_equal(frame.color, COLOR + np.uint8(i))
+
+
+def test_pictures_beside_depth_that_are_left_out_are_told(tmp_path: Path) -> None:
+    """Grey images may be masks or confidences, which nobody takes for colours."""
+    images(tmp_path, "depth", 1, DEPTH)
+    images(tmp_path, "confidence", 1, DEPTH)
+    assert opened(tmp_path, camera=CAMERA).read() is not None
+    for name, suffix in (("left", "jpg"), ("frames", "png")):
+        images(tmp_path, name, 1, COLOR, suffix)
+    with pytest.warns(UserWarning, match="no colour: pictures in frames, left are left out, since"):
+        opened(tmp_path, camera=CAMERA)
+    images(tmp_path, "rgb", 1, COLOR)
+    assert opened(tmp_path, camera=CAMERA)[0].color is not None
+
+
+@pytest.mark.parametrize(("median", "is_told"), [(150, True), (1000, False), (16_000, True)])
+def test_depth_that_speaks_against_the_assumed_unit_is_told(
+    median: int, is_told: bool, tmp_path: Path
+) -> None:
+    empty = np.zeros((ROWS, COLS), np.uint16)
+    images(tmp_path, "depth", 1, empty)
+    for number in (1, 2):
+        image = Image.fromarray(np.full((ROWS, COLS), median, np.uint16))
+        image.save(tmp_path / "depth" / f"{number:03}.png")
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        frames = list(opened(tmp_path, camera=CAMERA))
+        assert [int(frame.depth.max()) for frame in frames] == [0, median, median]
+    expected = f"the median of the depth is {median / 1000:.3g} m with the 1000 units per metre"
+    assert [expected in str(each.message) for each in told] == ([True] if is_told else [])
+    list(opened(tmp_path, camera=CAMERA, units_per_metre=1000))  # which is then no assumption
+
+
+def test_lists_without_colours_state_the_unit_that_is_assumed(tmp_path: Path) -> None:
+    """OpenLORIS has the lists of a TUM sequence, and millimetres."""
+    tum(tmp_path / "freiburg1", ["1.0"], ["1.0"])
+    folder = tmp_path / "freiburg1"
+    (folder / "rgb.txt").rename(folder / "color.txt")
+    with pytest.warns(UserWarning, match=r"no rgb\.txt .*; 5000 units per metre are assumed"):
+        (frame,) = capture.open_rgbd(f"tum:{folder}", camera=CAMERA)
+    assert frame.color is not None
+    (frame,) = capture.open_rgbd(f"tum:{folder}", camera=CAMERA, units_per_metre=1000)
+    np.testing.assert_array_equal(frame.depth, DEPTH)
 
 
 def tum(folder: Path, depth_times: list[str], color_times: list[str], comment: str = "#") -> None:

@@ -478,7 +478,8 @@ def test_the_first_image_is_that_of_the_list(line: str, listed: str, tmp_path: P
     cv2.imwrite(str(tmp_path / listed), np.full((12, 16), 5000, np.uint16))
     (tmp_path / "depth.txt").write_text(f"# time, file\n\n{line}\n")
     assert first_depth_size(tmp_path, is_tum=True) == (16, 12)
-    (frame,) = capture.open_rgbd(f"tum:{tmp_path}", camera=Intrinsics(16, 12, 15.0, 15.0, 8.0, 6.0))
+    camera = Intrinsics(16, 12, 15.0, 15.0, 8.0, 6.0)
+    (frame,) = capture.open_rgbd(f"tum:{tmp_path}", camera=camera, units_per_metre=5000)
     assert frame.depth.shape == (12, 16)
 
 

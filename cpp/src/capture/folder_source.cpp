@@ -198,7 +198,8 @@ ImageList listed_images(const fs::path& folder, ImageKind kind) {
 }
 
 ImageList listed_color_images(const fs::path& folder) {
-  for (const char* name : {"color", "colour", "rgb"}) {
+  // The last two are the names of SUN3D and Polycam.
+  for (const char* name : {"color", "colour", "rgb", "image", "images"}) {
     auto list = listed_images(folder / name, ImageKind::kColor);
     if (!list.paths.empty()) return list;
   }
@@ -340,6 +341,15 @@ Calibration tum_calibration(const TumCamera& camera) {
   return calibration;
 }
 
+/// The list of colour images; empty: the depth camera had none beside it. OpenLORIS names it
+/// color.txt.
+std::optional<fs::path> tum_color_list(const fs::path& folder) {
+  for (const char* name : {"rgb.txt", "color.txt"}) {
+    if (fs::exists(folder / name)) return folder / name;
+  }
+  return std::nullopt;
+}
+
 ImageFrames::Listing tum_frames(const fs::path& folder) {
   // The lock comes first, so that nobody replaces the recording while the lists are read.
   auto lock = std::make_shared<RecordingLock>(folder, RecordingLock::For::kReading);
@@ -350,10 +360,8 @@ ImageFrames::Listing tum_frames(const fs::path& folder) {
     });
   };
   const auto [depth, is_depth_torn] = parse_file(folder / "depth.txt", parse);
-  // Depth cameras without colour have no rgb.txt.
-  const fs::path color_list = folder / "rgb.txt";
-  const auto [color, is_color_torn] =
-      fs::exists(color_list) ? parse_file(color_list, parse) : TumList{};
+  const std::optional<fs::path> color_list = tum_color_list(folder);
+  const auto [color, is_color_torn] = color_list ? parse_file(*color_list, parse) : TumList{};
   const std::vector<std::int64_t> partner = associate(depth, color, kMaxApart);
   const auto list = [folder, depth, color, partner](std::int64_t index, FrameFiles& f) {
     const std::size_t i = index;

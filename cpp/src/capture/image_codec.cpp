@@ -224,6 +224,7 @@ DecodedImage<std::uint16_t> decode_depth(ByteSpan data, std::int64_t max_pixels)
   });
   if (is_narrow) {  // because widening multiplied the values by 257
     for (std::uint16_t& value : image.pixels) value = static_cast<std::uint16_t>(value & 0xff);
+    image.has_8_bits = true;
   }
   return image;
 }

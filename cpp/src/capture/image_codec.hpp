@@ -14,6 +14,7 @@ template <typename T>
 struct DecodedImage {
   std::int64_t rows = 0, cols = 0;
   std::vector<T> pixels;
+  bool has_8_bits = false;  ///< Set by decode_depth().
 };
 
 /// Decodes a grey PNG of 16 bits; values of 8 bits are not scaled. Images of more than `max_pixels`

@@ -104,6 +104,7 @@ Counters ImageFrames::counters() const {
   Counters counters = {{"frames", frames_}, {"out_of_order", out_of_order_}, {"damaged", damaged_}};
   if (unregistered_color_ > 0) counters.emplace_back("unregistered_color", unregistered_color_);
   if (marked_ > 0) counters.emplace_back("pixels_of_65535", marked_);
+  if (narrow_ > 0) counters.emplace_back("depth_of_8_bits", narrow_);
   counters.insert(counters.end(), listing_.counters.begin(), listing_.counters.end());
   return counters;
 }
@@ -142,7 +143,9 @@ void ImageFrames::load(RgbdFrame& frame) try {
   frame.time_ns = files_.time_ns;
   frame.rows = depth_camera.height;
   frame.cols = depth_camera.width;
-  frame.depth = load_image(files_.depth, depth_camera, decode_depth).pixels;
+  auto depth = load_image(files_.depth, depth_camera, decode_depth);
+  frame.depth = std::move(depth.pixels);
+  narrow_ += depth.has_8_bits ? 1 : 0;
   if (listing_.marks_missing) marked_ += clear_marked(frame.depth);
   to_millimetres(frame.depth, units_per_metre_, files_.depth.path);
   frame.body_index.clear();

@@ -81,6 +81,7 @@ class ImageFrames final : public RgbdSource {
   std::optional<std::pair<std::int64_t, std::int64_t>> last_;  // number and time
   std::int64_t frames_ = 0, out_of_order_ = 0, damaged_ = 0, unregistered_color_ = 0;
   std::int64_t marked_ = 0;  // pixels that stored 65535, which are not measured
+  std::int64_t narrow_ = 0;  // frames whose depth was stored in 8 bits
 };
 
 /// Parses a line of frames.jsonl; the images are in subfolders of `folder`.

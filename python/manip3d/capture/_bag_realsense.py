@@ -1,4 +1,4 @@
-"""What RealSense's recorder states beside the images of a ROS bag: cameras, units and poses.
+"""Cameras, depth units and poses that RealSense's recorder states beside the images of a ROS bag.
 
 It writes the images of a stream to ``STREAM/image/data``. In bags of ROS 1 (librealsense up to
 2.57) it states the rest as messages of numbers and transforms, in those of ROS 2 as texts such as

@@ -33,6 +33,7 @@ from manip3d.capture._bag_realsense import (
     units_per_metre,
     without_transport,
 )
+from manip3d.capture._folder_warnings import SET_UNIT
 from manip3d.errors import FormatError, InputError
 from manip3d.io._depth_files import MAX_PIXELS
 from manip3d.io._depth_formats import decode_depth
@@ -44,6 +45,8 @@ if TYPE_CHECKING:
 
 _MILLIMETRES = ("16UC1", "mono16", "Z16")
 _METRES = "32FC1"
+_MILLIMETRE_UNITS = 1000.0
+"""Units per metre of 16UC1 (REP 118)."""
 _COLOR_NAME = re.compile("colou?r|rgb(?!d)", re.IGNORECASE)
 """Part of the name of a topic that says that its images are the colour camera's; grey ones of other
 topics may be infrared images."""
@@ -96,7 +99,10 @@ class BagImages:
             found = bag.cameras()
         self._depth = _depth_topic(found, topic, path)
         self._given_units = units_per_metre
-        self._units = units_per_metre or self._stated_units(found)
+        stated = self._stated_units(found)
+        self.assumed_units = None if units_per_metre or stated else _MILLIMETRE_UNITS
+        """Units per metre that are assumed because neither the bag nor the caller states them."""
+        self._units = units_per_metre or stated or _MILLIMETRE_UNITS
         self._length = int(found["images"][self._depth]["count"])
         self.calibration, self._color = self._geometry(found, camera)
         self._apart_ns = _most_apart_ns(found, self._color)
@@ -164,7 +170,8 @@ class BagImages:
             return camera, nearest.topic if nearest else ""
         intrinsics = camera or depth.intrinsics
         if intrinsics is None:
-            raise FormatError(f"{depth.why_not}; give camera= if it is known", file=str(self._path))
+            reason = f"{depth.why_not}; give it if it is known (--intrinsics, or camera= in Python)"
+            raise FormatError(reason, file=str(self._path))
         reasons, known = [], []
         for color in colors:
             registration = _registration(found, depth, color)
@@ -203,24 +210,24 @@ class BagImages:
         return np.where(is_depth, depth, 0.0).astype(np.uint16)
 
     def _stated_units(self, found: Mapping[str, Any]) -> float:
-        """Return how many stored units a metre has.
+        """Return how many stored units a metre has; 0 if the bag does not state it.
 
-        32FC1 is in metres. 16UC1 is in millimetres, unless RealSense's recorder stated the sensor's
-        depth unit.
+        32FC1 is in metres; RealSense's recorder states the depth unit of 16UC1.
         """
         image = found["images"][self._depth]
         stream = stream_of(self._depth)
         if _METRES in (image["encoding"], image["format"].partition(";")[0].strip()):
             return 1.0
         if stream is None:
-            return 1000.0
+            return 0.0
         stated = units_per_metre(found, stream) or per_metre(image["unit"])
-        if not stated:
+        if not stated and self._given_units is None:
             warnings.warn(
-                f"{self._path}: {stream} states no depth unit; 1000 per metre are assumed",
+                f"{self._path}: {stream} states no depth unit; 1000 units per metre are assumed; "
+                f"{SET_UNIT}",
                 stacklevel=caller_level(),
             )
-        return stated or 1000.0
+        return stated
 
     def _units_of(self, picture: BagPicture) -> float:
         """Return the stored units per metre of an image, which may state its own unit."""

@@ -21,6 +21,7 @@ from manip3d.capture._addresses import rgbd_address
 from manip3d.capture._bag import place_and_topic
 from manip3d.capture._bag_rgbd import BagImages
 from manip3d.capture._folder_camera import camera_of_folder
+from manip3d.capture._folder_warnings import SET_UNIT, pictures_left_out
 from manip3d.capture._forged import SwitchedForgery, motion_of, read_plan
 from manip3d.capture._joined_joints import JoinedJoints, source_and_file
 from manip3d.capture._rgbd_source import ForgedSource, RgbdSource, source_of
@@ -153,7 +154,8 @@ def open_rgbd(
     turn. If the background has no colour, no frame has.
 
     A folder of images has depth images in ``depth`` and, optionally, colour images in ``color``,
-    ``colour`` or ``rgb``.
+    ``colour``, ``rgb``, ``image`` or ``images``. Colour pictures in other folders are warned of if
+    there are none in these.
 
     - Names that are times (in seconds with a fraction, or in smaller units since 1970) are the
       times of the frames, and images at most 0.02 s apart are paired, as in a TUM sequence; it is
@@ -172,6 +174,9 @@ def open_rgbd(
       lacks no number.
     - Depth images without a colour image are counted (``counters["without_color"]``), and colour
       images without a depth image are left out.
+
+    If the unit of depth images is assumed, a warning is given if they have 8 bits, or if the median
+    depth of the first frame is not within 0.2 to 12 m.
 
     Pixels of 65535 in depth images of other programs (folders of images, TUM, bags) are not
     measured, whatever the unit: many cameras and data sets mark missing pixels so. Folders count
@@ -262,11 +267,10 @@ def open_rgbd(
         if not 0.0 <= speed < math.inf:
             raise InputError(f"speed: expected a finite number >= 0, got {speed}")
         if makes_frames:
-            frames = _frames_of(uri, scheme)
-        else:
-            place, topic = place_and_topic(uri)
-            frames = BagImages(path_of(place, "uri"), topic, camera, units_per_metre)
-        return _checked_start(source_of(frames, uri, speed, start), start)
+            return _checked_start(source_of(_frames_of(uri, scheme), uri, speed, start), start)
+        place, topic = place_and_topic(uri)
+        images = BagImages(path_of(place, "uri"), topic, camera, units_per_metre)
+        return _checked_start(source_of(images, uri, speed, start, images.assumed_units), start)
     if scheme == "folder" and camera is None:
         camera = camera_of_folder(Path(uri.partition(":")[2]))
     return _checked_start(_open_in_core(uri, camera, units_per_metre, rate, speed, start), start)
@@ -299,7 +303,14 @@ def _open_in_core(
 
     first = begun()
     again = scheme in RECORDINGS or not first.is_live()
-    source = RgbdSource(uri, first, begun if again else None, opened if again else None)
+    source = RgbdSource(
+        uri,
+        first,
+        begun if again else None,
+        opened if again else None,
+        None if units_per_metre else _assumed_units(uri),
+    )
+    _warn_of_folder(source, units_per_metre)
     if source.counters.get("nominal_camera"):
         warnings.warn(
             "camera: expected a calibration.json, or freiburg1, freiburg2 or freiburg3 in the name "
@@ -308,6 +319,34 @@ def _open_in_core(
             stacklevel=caller_level(),
         )
     return source
+
+
+def _assumed_units(uri: str) -> float | None:
+    """Return the units per metre of images that do not state them; None of other sources."""
+    scheme, _, place = uri.partition(":")
+    return None if _is_ours(Path(place)) else {"folder": 1000.0, "tum": 5000.0}.get(scheme)
+
+
+def _is_ours(folder: Path) -> bool:
+    """Return whether a folder is a recording of this library."""
+    return any((folder / name).is_file() for name in ("frames.jsonl", "calibration.json"))
+
+
+def _warn_of_folder(source: RgbdSource, units_per_metre: float | None) -> None:
+    """Warn of pictures beside depth images that are not read, and of a unit that is assumed."""
+    scheme, _, place = source.uri.partition(":")
+    folder, told = Path(place), ""
+    if scheme not in ("folder", "tum") or _is_ours(folder):
+        return
+    if scheme == "folder" and "without_color" not in source.counters:
+        told = pictures_left_out(folder)
+    elif scheme == "tum" and not units_per_metre and not (folder / "rgb.txt").exists():
+        told = (
+            f"{source.uri}: no rgb.txt as in the sequences of the TUM benchmark; 5000 units per "
+            f"metre are assumed as in these; {SET_UNIT}"
+        )
+    if told:
+        warnings.warn(told, stacklevel=caller_level())
 
 
 def _checked_start(source: RgbdSource, start: int) -> RgbdSource:

@@ -10,6 +10,7 @@ from typing import Any, cast, overload
 from manip3d._util.callers import caller_level
 from manip3d._util.checked import checked
 from manip3d.camera import Intrinsics, Registration
+from manip3d.capture._folder_warnings import unit_in_doubt
 from manip3d.capture._frame_source import ClosedSource, FrameSource
 from manip3d.capture._frames_in_memory import IteratedFrames
 from manip3d.capture._past_errors import past_errors
@@ -58,6 +59,7 @@ class RgbdSource(FrameSource[RgbdFrame]):
         source: Any,
         reopen: Callable[[], Any] | None = None,
         open_indexed: Callable[[], Any] | None = None,
+        assumed_units: float | None = None,
     ) -> None:
         self.uri = uri
         self.is_live = bool(source.is_live())
@@ -69,6 +71,7 @@ class RgbdSource(FrameSource[RgbdFrame]):
         self._calibration: RgbdCalibration | None = None
         self.errors: dict[int, str] = {}
         self._is_color_checked = False
+        self._assumed_units = assumed_units  # per metre, until a frame has been checked by them
         self.start()
 
     @property
@@ -238,6 +241,15 @@ class RgbdSource(FrameSource[RgbdFrame]):
                 "calibration has no registration: frames have no colour",
                 stacklevel=caller_level(),
             )
+        if frame is not None and self._assumed_units is not None and frame.depth.any():
+            doubt = unit_in_doubt(
+                frame.depth,
+                self._assumed_units,
+                has_8_bits=self.counters.get("depth_of_8_bits", 0) > 0,
+            )
+            self._assumed_units = None
+            if doubt:
+                warnings.warn(f"{self.uri}: {doubt}", stacklevel=caller_level())
         return frame
 
     def past_errors(self) -> Iterator[RgbdFrame | None]:
@@ -409,7 +421,11 @@ def from_frames(frames: Iterable[RgbdFrame], *, uri: str = "frames") -> RgbdSour
 
 
 def source_of(
-    frames: Iterable[RgbdFrame], uri: str, speed: float = 0.0, start: int = 0
+    frames: Iterable[RgbdFrame],
+    uri: str,
+    speed: float = 0.0,
+    start: int = 0,
+    assumed_units: float | None = None,
 ) -> RgbdSource:
     def opened() -> IteratedFrames:
         source = IteratedFrames(frames, getattr(frames, "calibration", None), speed)
@@ -418,4 +434,5 @@ def source_of(
         return source
 
     # An iterator can be read only once, so it cannot be rewound.
-    return RgbdSource(uri, opened(), None if isinstance(frames, Iterator) else opened)
+    again = None if isinstance(frames, Iterator) else opened
+    return RgbdSource(uri, opened(), again, assumed_units=assumed_units)
