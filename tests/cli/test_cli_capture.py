@@ -211,6 +211,10 @@ def test_the_size_of_images_of_8_bits_is_read_from_their_header(walk: Path) -> N
     assert done.returncode == 1
     assert "000000.png" in error_line(done)
     assert "expected a PNG" in error_line(done)
+    for path in list((walk / "depth").iterdir()):
+        path.rename(path.with_suffix(".npy"))
+    done = manip3d("capture", "info", walk, *camera)
+    assert error_line(done).endswith("where depth/ holds .npy and no PNG")
 
 
 def test_the_camera_of_a_tum_sequence_is_that_of_the_images_it_lists(tmp_path: Path) -> None:

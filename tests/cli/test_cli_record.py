@@ -207,3 +207,9 @@ def test_nothing_replaces_a_recording_where_no_frame_comes(walk: Path, tmp_path:
     done = manip3d(*again, "--trigger", "SIGUSR1")
     assert f"{walk} is as it was" in error_line(done)
     assert capture.open_rgbd(f"folder:{walk}").num_frames == 9
+    new = tmp_path / "new"
+    for words in (("record", other, "-o", new), ("play", other, "-o", new), ("info", other)):
+        done = manip3d("capture", *words, "-q")
+        assert done.returncode == 1
+        assert "expected a frame, found none" in error_line(done)
+        assert not new.exists()

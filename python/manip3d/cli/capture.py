@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import time
+from collections.abc import Iterable, Mapping
 from contextlib import ExitStack, suppress
 from dataclasses import asdict
 from itertools import islice
@@ -33,6 +34,7 @@ from manip3d.cli.terminal import (
     check_output,
     count,
     counted,
+    left_out,
     naming_options,
     table,
     warn_of_left_out,
@@ -165,8 +167,18 @@ def _size_of_images(uri: str) -> tuple[int, int]:
 
         size = first_depth_size(Path(folder), is_tum=scheme == "tum")
     if size is None:
-        raise InputError(f"--intrinsics: expected a bag or a folder of depth images, got {uri}")
+        found = _suffixes_in(Path(folder) / "depth")
+        others = f", where depth/ holds {found} and no PNG" if found else ""
+        raise InputError(
+            f"--intrinsics: expected a bag or a folder of depth images, got {uri}{others}"
+        )
     return size
+
+
+def _suffixes_in(folder: Path) -> str:
+    if not folder.is_dir():
+        return ""
+    return ", ".join(sorted({path.suffix for path in folder.iterdir() if path.suffix}))
 
 
 def check_recording_output(output: Path, *, force: bool) -> None:
@@ -215,8 +227,8 @@ def write_recording(
     Raises
     ------
     InputError
-        The source ended before the trigger; a recording that was created is removed. Or it has no
-        frame, while ``output`` is an existing recording.
+        The source ended before the trigger, or it has no frame; a recording that was created is
+        removed.
     """
     from manip3d import capture
     from manip3d.capture._rgbd_record import remove_recording
@@ -253,8 +265,11 @@ def write_recording(
         raise InputError(
             f"--trigger {trigger}: the event did not occur before the source ended; {found}"
         )
-    if was_there and not done.frames:
-        raise InputError(f"{source.uri}: expected a frame, found none; {output} is as it was")
+    if not done.frames:
+        found = f"{output} is as it was" if was_there else f"{output} was not written"
+        if not was_there:
+            remove_recording(place)
+        raise InputError(f"{_without_frames(source, done.source_counters)}; {found}")
     _tell_of_recording(terminal, source, output, done)
     return {
         **asdict(done),
@@ -263,6 +278,12 @@ def write_recording(
         "flipped": list(source.flipped),
         "assumed_rate": source.assumed_rate,
     }
+
+
+def _without_frames(source: RgbdSource, counters: Mapping[str, int]) -> str:
+    """Return an error message about a source without a readable frame, with the reasons."""
+    reasons = "".join(f"; {reason}" for reason in left_out(counters))
+    return f"{source.uri}: expected a frame, found none{reasons}"
 
 
 def _tell_of_recording(
@@ -301,7 +322,14 @@ def play(
     """Read all frames and measure their rate; write pictures of them to ``output``.
 
     A ``.png`` file is a contact sheet of up to 24 frames; a folder gets a picture of each frame.
+
+    Raises
+    ------
+    InputError
+        The recording has no frame that can be read.
     """
+    from manip3d.capture._rgbd import RECORDINGS
+
     _refuse_folder_of(source, output)
     pictures = _Pictures(output, force=force)
     left = None if source.num_frames is None else source.num_frames - start
@@ -317,6 +345,10 @@ def play(
                 progress(shown / total if total else 0.0, f"{rate:.1f} frames/s")
             pictures.add(frame, in_sheet=keep is None or shown - 1 in keep)
     took = time.perf_counter() - begin
+    # A recording is live, too, if it is played in real time.
+    if not shown and (source.has_known_end or source.uri.partition(":")[0] in RECORDINGS):
+        pictures.leave()
+        raise InputError(_without_frames(source, source._counted()))
     pictures.finish()
     warn_of_left_out(terminal, {}, source.errors)
     if output is not None:
@@ -345,6 +377,8 @@ def info(source: RgbdSource, terminal: Terminal) -> dict[str, Any]:
 
     with terminal.progress("read") as progress:
         found = capture.summarize(source, progress=progress).record()
+    if not found["frames"] and source.has_known_end:
+        raise InputError(_without_frames(source, found["counters"]))
     warn_of_left_out(terminal, {}, source.errors)
     return found
 
@@ -419,10 +453,15 @@ class _Pictures:
         try:
             _write_png(self._output / f"{self._written:06}.png", viewer.rgbd_picture(frame))
         except OSError:
-            with suppress(OSError):
-                self._output.rmdir()  # fails if the folder is not empty
+            self.leave()
             raise
         self._written += 1
+
+    def leave(self) -> None:
+        """Remove the folder if it is empty."""
+        if self._output is not None and not self._output.suffix:
+            with suppress(OSError):
+                self._output.rmdir()
 
     def finish(self) -> None:
         """Write the sheet; in a folder, remove pictures with higher numbers from an earlier run."""
