@@ -378,9 +378,10 @@ def _rgbd(bag: Bag) -> dict[str, Any]:
     for topic, first in _first_ones(bag, IMAGE, COMPRESSED):
         connections = [each for each in bag.connections if each.topic == topic]
         headers = _first_headers(bag, connections)
+        layout, _ = _pixels(first)
         images[topic] = {
             "frame_id": first.header.frame_id,
-            **{name: _pixels(first)[0].get(name, "") for name in ("encoding", "format")},
+            **{name: layout.get(name, "") for name in ("encoding", "format")},
             "unit": headers[0].get("unit", 0.0) if headers else 0.0,
             "count": sum(each.msgcount for each in connections),
             "period_ns": _period_ns(headers),

@@ -23,8 +23,9 @@
 namespace manip3d {
 
 /// Opens `folder:`, a recording, or any folder with `depth/*.png` and optionally colour images in
-/// `color/`, `colour/` or `rgb/`, in the order of their names. A folder that is not a recording
-/// needs a calibration (`options.calibration`, or calibration.json).
+/// `color/`, `colour/`, `rgb/`, `image/` or `images/`, in the order of their names. A folder that
+/// is not a recording needs a calibration (`options.calibration`, or calibration.json). The counter
+/// `depth_of_8_bits` counts frames whose depth has 8 bits.
 ///
 /// If the names of depth images are times (in seconds with a fraction, or with so many digits that
 /// they count milliseconds or less since 1970), these are the times of the frames, and colour
@@ -43,8 +44,9 @@ std::unique_ptr<RgbdSource> open_folder(const std::filesystem::path& folder,
 inline constexpr int kFolderRate = 30;  ///< Frames per second of folders without times.
 
 /// Opens `tum:`, a sequence of the TUM RGB-D benchmark [Sturm et al., IROS 2012]. depth.txt and
-/// rgb.txt list times and files, separated by blanks and tabs, or by commas if one follows the
-/// time; a sequence without colour has no rgb.txt. 5000 depth units are a metre. Depth and colour
+/// rgb.txt (or color.txt) list times and files, separated by blanks and tabs, or by commas if one
+/// follows the time; a sequence without colour has neither. 5000 depth units are a metre unless
+/// `options.units_per_metre` states another number. Depth and colour
 /// images within 0.02 s are paired, each in one pair at most: as many as possible, and of these
 /// pairings the one with the least sum of differences. The counter `without_color` counts depth
 /// images without a colour image. If a list ends within a line, this line is left out, and the
