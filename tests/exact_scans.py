@@ -75,10 +75,12 @@ def exact_scan(
     labelled: bool = False,
     second_returns: float = 0.0,
     noise_m: float = 0.01,
+    slips_deg: Doubles | None = None,
 ) -> LidarFrame:
     """A turn: noisy ranges in whole steps, coordinates in single precision.
 
     ``second_returns``: share of the firings that state another return a metre farther.
+    ``slips_deg``: angles by which the stated azimuths of the columns are beside their places.
     """
     random = np.random.default_rng(seed)
     lasers = len(unit.elevation)
@@ -88,6 +90,8 @@ def exact_scan(
         column, ring = np.indices(shape[::-1]).reshape(2, -1)
     turn = column if unit.is_stepped else column + random.random(len(column))
     encoder = math.pi - turn * (2.0 * math.pi / unit.columns)
+    if slips_deg is not None:
+        encoder += np.radians(slips_deg)[column]
     angle = encoder + np.radians(unit.beside)[ring]
     level, rise = np.cos(np.radians(unit.elevation)), np.sin(np.radians(unit.elevation))
     beam = np.column_stack([level[ring] * np.cos(angle), level[ring] * np.sin(angle), rise[ring]])

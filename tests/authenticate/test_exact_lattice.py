@@ -160,6 +160,56 @@ def test_a_step_fits_the_scans_of_all_start_angles() -> None:
     assert all(identify_sensor(scan, lattice=lattice).lattice is lattice for scan in scans)
 
 
+COLUMNS = np.arange(1200)
+SLIPS = {
+    "one column": 0.01 * (COLUMNS == 400),
+    "three columns": -0.01 * np.isin(COLUMNS, (400, 401, 950)),
+    "a twentieth": 0.01 * (np.random.default_rng(1).random(1200) < 0.05),
+    "an arc": 0.02 * ((COLUMNS > 500) & (COLUMNS < 530)),
+}
+
+
+@pytest.mark.parametrize("slips", SLIPS.values(), ids=SLIPS)
+def test_columns_that_slipped_by_a_count_accuse_nobody(slips: NDArray[np.float64]) -> None:
+    """Drivers state the azimuths of some columns 0.01 degrees beside their steps of 0.1."""
+    scan = exact_scan(replace(hesai(), beside=hesai().beside + 0.005), slips_deg=slips)
+    found = said(scan)
+    assert (found.verdict, found.processing) == ("undecidable", ())
+    assert found.sensor is not None
+    assert found.sensor.lattice is not None
+    assert found.sensor.lattice.steps == (18_000 if slips.max() > 0.01 else 36_000)
+
+
+def test_slipped_columns_do_not_contradict_a_lattice_of_other_scans() -> None:
+    clean, scan = (exact_scan(hesai(), seed, slips_deg=seed * SLIPS["an arc"]) for seed in (0, 1))
+    lattice = estimate_lattice(clean)
+    assert lattice.steps == 3600
+    sensor = identify_sensor(scan, lattice=lattice)
+    assert sensor.lattice is not None
+    assert sensor.lattice.steps == 18_000
+    assert np.array_equal(sensor.lattice.slope, lattice.slope)
+
+
+def test_edits_beside_slipped_columns_are_found() -> None:
+    points = exact_scan(hesai(), slips_deg=SLIPS["a twentieth"]).points.copy()
+    rows = np.flatnonzero(on_post(points))
+    points[rows] += np.float32([0.5, 0.3, 0.0])
+    found = said(without_labels(points))
+    assert found.verdict == "tampered"
+    assert len(found.suspected) > 0.85 * len(rows)
+
+
+@pytest.mark.parametrize("degrees", [0.03, 33.37])
+def test_an_object_turned_by_finer_steps_is_no_slip_of_columns(degrees: float) -> None:
+    """Other lasers of its columns stand where they should."""
+    points = exact_scan(hesai()).points.copy()
+    rows = np.flatnonzero(on_post(points))
+    points[rows] = turned(points[rows], degrees)
+    found = said(without_labels(points))
+    assert found.verdict == "tampered"
+    assert set(found.suspected.tolist()) <= set(rows.tolist())
+
+
 def test_a_wall_at_coarse_ranges_is_no_fill_value() -> None:
     """A round wall whose farthest step of 8 mm holds several returns of each laser."""
     scan = exact_scan(hesai(64))

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -19,14 +20,19 @@ from manip3d.authenticate._lattice_steps import (
     best_encoder,
     find_range_step,
     first_encoders,
+    off_step,
     off_the_steps,
+    parallax,
 )
-from manip3d.authenticate._rings import MIN_EXACT, MIN_LABELLED, MIN_POINTS
+from manip3d.authenticate._rings import MIN_EXACT, MIN_LABELLED, MIN_POINTS, NEAREST
+from manip3d.authenticate._slipped_columns import APART, Placed, steps_of_slips
 
 if TYPE_CHECKING:
     from typing import TypeAlias
 
     from numpy.typing import NDArray
+
+    from manip3d.authenticate._lattice import LatticeReading
 
     Floats: TypeAlias = NDArray[np.float64]
 
@@ -99,6 +105,9 @@ def exact_lattice(
     if sum(map(len, on)) < MIN_EXACT * len(rho):
         return None
     steps, lateral, azimuth = _exact_steps(rho, angle, frame, on)
+    if steps:
+        placed = _placed(rho, angle, frame, on, lateral, azimuth, steps)
+        steps = steps_of_slips(placed, steps, EXACT_STEPS, EXACT_TOLERANCE)
     range_step, phase, incoherence = find_range_step(rho, z, on, slope, lateral, EXACT_RANGE_STEPS)
     center, slope_error = slope_trust(rho, z, on, slope, offset)
     if steps:
@@ -184,8 +193,7 @@ def _exact_steps(
     """
     zero = np.zeros(len(members))
     for steps in EXACT_STEPS:  # beams through the axis
-        starts = [best_encoder(rho[rows], angle[rows], zero[:1], steps)[1] for rows in members]
-        azimuth = np.array(starts)
+        azimuth = np.array([_first_azimuth(rho[rows], angle[rows], steps) for rows in members])
         if _stand_on_steps(rho, angle, frame, members, zero, azimuth, steps):
             return steps, *_fit_all_beside(rho, angle, members, zero, azimuth, steps)
     for steps in (n for n in EXACT_STEPS if n <= MAX_STEPS_BESIDE):
@@ -197,6 +205,68 @@ def _exact_steps(
                 lateral[k], azimuth[k] = _fit_again(rho[rows], angle[rows], steps, *start)
             return steps, lateral, azimuth
     return 0, zero, zero
+
+
+def _first_azimuth(rho: Floats, angle: Floats, steps: int) -> float:
+    """Angle at count 0 (rad) of a laser through the axis.
+
+    Points beside the steps, on one side of them, move the most coherent angle. They do not move the
+    median if they are the minority.
+    """
+    azimuth = best_encoder(rho, angle, np.zeros(1), steps)[1]
+    return azimuth + _median(off_step(angle - azimuth, steps))
+
+
+def _placed(
+    rho: Floats,
+    angle: Floats,
+    frame: NDArray[np.intp],
+    members: Sequence[NDArray[np.intp]],
+    lateral: Floats,
+    azimuth: Floats,
+    steps: int,
+) -> Placed:
+    """The points of all lasers on the steps of azimuth."""
+    rows = np.concatenate(members)
+    laser = np.repeat(np.arange(len(members)), [len(each) for each in members])
+    beam = angle[rows] - parallax(lateral[laser], rho[rows]) - azimuth[laser]
+    count = np.mod(np.round(beam * (steps / (2.0 * math.pi))).astype(np.intp), steps)
+    return Placed(rho[rows], laser, count, off_step(beam, steps) * rho[rows], frame[rows])
+
+
+def with_slips(
+    lattice: SensorLattice, points: NDArray[np.float32], reading: LatticeReading
+) -> SensorLattice:
+    """Return an exact lattice with the finer steps on which slipped columns of a scan stand, too.
+
+    Parameters
+    ----------
+    lattice : SensorLattice
+        Exact lattice that was estimated from other scans.
+    points : (N, 3) float32, metres
+        Points of the scan, with the scanner at the origin.
+    reading : LatticeReading
+        Their places on the lattice.
+
+    Returns
+    -------
+    SensorLattice
+        ``lattice`` itself if no columns slipped.
+    """
+    if not lattice.steps:
+        return lattice
+    rho = np.hypot(*points[:, :2].astype(np.float64).T)
+    on = (reading.ring >= 0) & (reading.count >= 0) & (rho > NEAREST)
+    rows = np.flatnonzero(on & (np.abs(reading.line_error) <= lattice.tolerance))
+    placed = Placed(
+        rho[rows],
+        reading.ring[rows].astype(np.intp),
+        reading.count[rows].astype(np.intp),
+        reading.step_error[rows].astype(np.float64),
+        np.zeros(len(rows), np.intp),
+    )
+    steps = steps_of_slips(placed, lattice.steps, EXACT_STEPS, lattice.tolerance)
+    return lattice if steps == lattice.steps else replace(lattice, steps=steps)
 
 
 def _fit_again(
@@ -277,7 +347,7 @@ def _stand_on_steps(
     scans = int(frame.max(initial=0)) + 1
     on, apart = np.zeros((2, scans, len(members)))
     for k, rows in enumerate(members):
-        far = rows[rho[rows] * (2.0 * math.pi / steps) > 8.0 * EXACT_TOLERANCE]
+        far = rows[rho[rows] * (2.0 * math.pi / steps) > APART * EXACT_TOLERANCE]
         off = off_the_steps(rho[far], angle[far], lateral[k], azimuth[k], steps)
         on[:, k] = np.bincount(frame[far], np.abs(off) < EXACT_TOLERANCE, scans)
         apart[:, k] = np.bincount(frame[far], minlength=scans)

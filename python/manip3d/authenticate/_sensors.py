@@ -16,6 +16,7 @@ from manip3d._util.arrays import read_only
 from manip3d._util.checked import checked
 from manip3d._util.linear import product
 from manip3d._util.texts import counted
+from manip3d.authenticate._exact_lattice import with_slips
 from manip3d.authenticate._lattice import (
     COLUMNS,
     LINE_TOLERANCE,
@@ -360,6 +361,8 @@ def identify_and_read(
     given = [] if lattice is None else [lattice]
     for known in (*given, kitti_lattice()):
         reading = known.read(frame.points, threads=threads)
+        if known.is_exact:
+            known, reading = _with_slips(known, frame.points, reading, threads)
         found = _on_given_lattice(frame.points, known, reading, is_calibrated=bool(known.power))
         if found is not None and found.off_lattice > 0.0 and (own := _other_unit(frame, known)):
             return own, None
@@ -415,6 +418,14 @@ def _is_off(reading: LatticeReading, lattice: SensorLattice) -> NDArray[np.bool_
     if lattice.is_exact and lattice.range_step:
         off |= ~(np.abs(reading.range_error) <= lattice.range_step / 4.0)
     return np.asarray(off)
+
+
+def _with_slips(
+    known: SensorLattice, points: NDArray[np.float32], reading: LatticeReading, threads: int
+) -> tuple[SensorLattice, LatticeReading]:
+    """The lattice with the steps of slipped columns of this scan, and the places of its points."""
+    finer = with_slips(known, points, reading)
+    return (known, reading) if finer is known else (finer, finer.read(points, threads=threads))
 
 
 def _on_given_lattice(
