@@ -44,6 +44,7 @@ from manip3d.authenticate._power import (
     BLIND_WHOLE_STEPS,
 )
 from manip3d.authenticate._processing import edge_of_voxels
+from manip3d.authenticate._sensors import BEAMS
 from manip3d.cli.inspect import show
 from manip3d.report import write_evidence
 from real_data import RealData
@@ -248,6 +249,28 @@ def test_firings_that_a_scanner_tells_twice_are_no_repetition(rows_later: int | 
     assert [step.kind for step in many.processing] == ["repeated"]
 
 
+@pytest.mark.parametrize("second_returns", [0.0, 0.1])
+def test_both_returns_of_each_firing_are_no_repetition(second_returns: float) -> None:
+    """Some drivers write the only return of a firing twice, in two rows beside each other."""
+    first = exact_scan(hesai(), labelled=True)
+    rows = np.repeat(np.arange(first.num_points), 2)
+    points = first.points[rows]
+    is_second = np.arange(len(rows)) % 2 == 1
+    others = is_second & (np.random.default_rng(0).random(len(rows)) < 2.0 * second_returns)
+    away = points / np.linalg.norm(points, axis=1, keepdims=True)
+    points[others] += np.float32(1.0) * away[others]
+    found = said(first.select(rows).replace(points=points))
+    assert (found.verdict, found.processing) == ("undecidable", ())
+    assert found.sensor is not None
+    assert found.sensor.reason.endswith("equal rows were judged as one return")
+    moved = points.copy()
+    moved[on_post(moved)] += np.float32([0.5, 0.3, 0.0])
+    assert said(without_labels(moved)).verdict == "tampered"
+    apart = np.r_[rows[::2], rows[::2]]  # all points again behind the last one
+    elsewhere = said(first.select(apart))
+    assert [step.kind for step in elsewhere.processing] == ["repeated"]
+
+
 def test_no_scanner_has_hundreds_of_lasers() -> None:
     """Elevations that were rounded to a step; a few points between two of them are no edit."""
     random = np.random.default_rng(0)
@@ -359,6 +382,20 @@ def test_azimuths_between_packets_have_no_steps() -> None:
     assert set(found.suspected.tolist()) <= set(rows.tolist())
     assert len(found.suspected) > 0.8 * len(rows)
     assert said(without_labels(points)).verdict == "undecidable"
+
+
+def test_lines_that_a_model_lacks_are_of_another_one() -> None:
+    """A VLP-32C of which five lasers look elsewhere, as those of a scanner of another maker."""
+    lines = BEAMS["VLP-32C"].copy()
+    unit = replace(hesai(), elevation=np.sort(lines)[::-1])
+    clean = said(exact_scan(unit, labelled=True)).sensor
+    assert clean is not None
+    assert clean.name == "VLP-32C"
+    lines[[1, 2, 3, 4, 5]] += 1.0
+    other = replace(unit, elevation=np.sort(lines)[::-1])
+    found = said(exact_scan(other, labelled=True)).sensor
+    assert found is not None
+    assert found.name == "scanner of at least 32 lasers"
 
 
 @pytest.mark.parametrize(("lasers", "name"), [

@@ -16,6 +16,11 @@ MAX_FIRED_TWICE = 0.02
 """Largest share of points that repeat the laser's previous firing in a clean scan. A VLP-16 close
 to its surroundings has 0.008, a VLP-32C 0.0006."""
 
+MIN_WRITTEN_TWICE, MIN_BESIDE = 0.25, 0.99
+"""Least share of rows that are copies, and of copies that equal the row before, if a driver wrote
+both returns of each firing. Half of the firings then had one return. In simulated clouds of twelve
+scanners in streets, open land and halls the first share is 0.45 to 0.49, the second one 1."""
+
 
 def copies_of_earlier(points: NDArray[np.float32]) -> NDArray[np.bool_]:
     """Return which points equal an earlier point bit for bit; points at the origin do not count.
@@ -96,3 +101,25 @@ def are_fired_twice(
     for back in range(1, 2 * len(lattice.slope) + 1):  # firings without a return may be missing
         found |= (points[np.maximum(rows - back, 0)] == again).all(axis=1)
     return bool(found.all()) and len(np.unique(again, axis=0)) == len(again)
+
+
+def are_both_returns(
+    points: NDArray[np.float32], copies: NDArray[np.bool_], lattice: SensorLattice
+) -> bool:
+    """Return whether copies are second returns of firings that had one return only.
+
+    Some drivers write two rows for each firing, the first return and directly after it the second.
+
+    Parameters
+    ----------
+    points : (N, 3) float32
+        Points in the order of the scanner.
+    copies : (N,) bool
+        Result of `copies_of_earlier`.
+    lattice : SensorLattice
+    """
+    rows = np.flatnonzero(copies)
+    if not lattice.is_exact or len(rows) < MIN_WRITTEN_TWICE * len(points):
+        return False
+    beside = (points[rows - 1] == points[rows]).all(axis=1)
+    return float(np.mean(beside)) >= MIN_BESIDE

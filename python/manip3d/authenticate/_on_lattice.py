@@ -10,7 +10,12 @@ from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 import numpy as np
 
 from manip3d.authenticate._carriers import rounding_of
-from manip3d.authenticate._copies import are_fired_twice, copies_of_earlier, one_of_each
+from manip3d.authenticate._copies import (
+    are_both_returns,
+    are_fired_twice,
+    copies_of_earlier,
+    one_of_each,
+)
 from manip3d.authenticate._extent import Lacking
 from manip3d.authenticate._generic import EVIDENCE, MISSING, GenericResult, consistency_allowing
 from manip3d.authenticate._inspection import DetectorReport, Inspection
@@ -153,6 +158,7 @@ def _returns_by_lattice(case: Case, beside: Beside, padded: tuple[Processing, ..
     centred = case.centred
     neighbours, why_not, repeats = _usable(centred, beside)
     generic, of_rows, once = _judged_by_lattice(case, centred, neighbours)
+    sensor = _told_of_returns(sensor, centred, once)
     repeated_turns = tuple(Processing("repeated", detail) for detail in repeats)
     processing = of_rows + padded + padding(case.scan, sensor) + repeated_turns
     processing += _processing_of_points(case, centred, generic, once)
@@ -176,6 +182,23 @@ def _returns_by_lattice(case: Case, beside: Beside, padded: tuple[Processing, ..
         turns=compared.turns, reflectance=compared.reflectance,
         blind=_blind(sensor, reports),
     )  # fmt: skip
+
+
+def _told_of_returns(sensor: Sensor, scan: LidarFrame, once: NDArray[np.int64] | None) -> Sensor:
+    """The scanner, with a remark in its reason if both returns of each firing are in the file."""
+    if once is None or sensor.lattice is None:
+        return sensor
+    copies = np.ones(scan.num_points, np.bool_)
+    copies[once] = False
+    if not are_both_returns(scan.points, copies, sensor.lattice):
+        return sensor
+    return replace(sensor, reason=f"{sensor.reason}; {BOTH_WRITTEN}")
+
+
+BOTH_WRITTEN = (
+    "each firing has two rows, one for each return, and equal rows were judged as one return"
+)
+"""Remark on scans whose driver writes both returns of all firings."""
 
 
 def _blind(sensor: Sensor, reports: Sequence[DetectorReport]) -> tuple[str, ...]:
@@ -349,7 +372,7 @@ def _judged_by_lattice(
         reading = reading or sensor.lattice.read(centred.points, threads=case.threads)
         rows = np.flatnonzero(one_of_each(centred.points, copies, reading))
         generic = judge(centred.select(rows)).with_rows(rows, centred)
-        if not are_fired_twice(centred.points, copies, sensor.lattice):
+        if not _are_of_the_scanner(centred.points, copies, sensor.lattice):
             detail = f"{np.count_nonzero(copies)} points repeat another one"
             of_rows = (Processing("repeated", detail),)
     if number := _number_elsewhere(generic):
@@ -361,6 +384,13 @@ def _judged_by_lattice(
         detail = f"{number} points stand elsewhere in the file than where the scanner writes them"
         of_rows = (*of_rows, Processing("regrouped", detail))
     return generic, of_rows, rows if copies.any() else None
+
+
+def _are_of_the_scanner(
+    points: NDArray[np.float32], copies: NDArray[np.bool_], lattice: SensorLattice
+) -> bool:
+    """Whether the scanner or its driver wrote the copies of points."""
+    return any(check(points, copies, lattice) for check in (are_fired_twice, are_both_returns))
 
 
 def _number_elsewhere(generic: GenericResult) -> int:

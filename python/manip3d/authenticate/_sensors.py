@@ -543,14 +543,15 @@ def _on_exact_lattice(
 def _model_of(lattice: SensorLattice) -> str:
     """The model of whose lasers the largest share is among the lines of a lattice; empty: none.
 
-    The odd degrees of a VLP-16 are lasers of a PandarXT-32, too.
+    The odd degrees of a VLP-16 are lasers of a PandarXT-32, too. All lines must be those of lasers:
+    a RoboSense RS-32 has 26 of the 32 elevations of a VLP-32C.
     """
     lines = np.degrees(np.arctan(lattice.slope))
     best, seen = "", MIN_SEEN
     for model, beams in BEAMS.items():
         near = np.abs(lines[:, None] - beams) < BEAM_WIDTH
         share = float(np.mean(near.any(axis=0)))
-        if np.mean(near.any(axis=1)) > MAX_OF_RINGS and share > seen:
+        if near.any(axis=1).all() and share > seen:
             best, seen = model, share
     return best
 
