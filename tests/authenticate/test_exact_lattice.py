@@ -39,6 +39,8 @@ from manip3d.authenticate._power import (
     BLIND_ALONG_RAYS,
     BLIND_COPIED,
     BLIND_CUT_ELSEWHERE,
+    BLIND_EXACT,
+    BLIND_EXACT_WITHOUT_STEPS,
     BLIND_TURNED,
     BLIND_TURNED_ANYHOW,
     BLIND_WHOLE_STEPS,
@@ -704,6 +706,55 @@ def test_order_turns_and_crops_accuse_nobody(unit: Unit) -> None:
     cos, sin = np.cos(0.3), np.sin(0.3)
     turned = scan.points.astype(float) @ [[cos, sin, 0], [-sin, cos, 0], [0, 0, 1]]
     assert said(without_labels(turned)).verdict in ("undecidable", "processed")
+
+
+LEFT_OUT: dict[str, Callable[[Points], NDArray[np.bool_]]] = {
+    "a fifth": lambda p: np.random.default_rng(5).random(len(p)) < 0.8,
+    "half": lambda p: np.random.default_rng(5).random(len(p)) < 0.5,
+    "seven tenths": lambda p: np.random.default_rng(5).random(len(p)) < 0.3,
+    "all but one in each voxel": lambda p: np.isin(
+        np.arange(len(p)), np.unique(np.floor(p / 0.1).astype(int), axis=0, return_index=True)[1]
+    ),
+}
+
+
+@pytest.mark.parametrize("keeps", LEFT_OUT.values(), ids=LEFT_OUT)
+def test_points_that_were_left_out_one_by_one_are_told(
+    unit: Unit, keeps: Callable[[Points], NDArray[np.bool_]]
+) -> None:
+    clean = exact_scan(unit).points
+    found = said(without_labels(clean[keeps(clean)]))
+    assert found.verdict == "processed"
+    assert [step.kind for step in found.processing] == ["thinned"]
+
+
+def test_a_scan_of_a_sector_may_be_that_of_the_scanner(unit: Unit) -> None:
+    """Scanners can be set to a part of the turn; it is stated that no cut of this kind is found."""
+    points = exact_scan(unit).points
+    front = np.abs(np.arctan2(points[:, 1], points[:, 0])) < math.radians(45.0)
+    found = said(without_labels(points[front]))
+    assert (found.verdict, found.processing) == ("undecidable", ())
+    assert found.blind[:2] == BLIND_EXACT
+
+
+@pytest.mark.parametrize("lasers", [16, 32])
+def test_azimuths_without_steps_tell_no_gaps(lasers: int) -> None:
+    scan = exact_scan(velodyne(lasers), labelled=True)
+    half = np.flatnonzero(np.random.default_rng(5).random(scan.num_points) < 0.5)
+    found = said(scan.select(half))
+    assert found.processing == ()
+    assert found.blind[:2] == BLIND_EXACT_WITHOUT_STEPS
+
+
+@pytest.mark.realdata
+@pytest.mark.parametrize(
+    "name", ["hesai_pandar40p", "hesai_pandar64", "hesai_qt64", "hesai_xt32", "ouster_os1_32"]
+)
+def test_halves_of_real_scans_are_thinned(name: str, realdata: RealData) -> None:
+    scan = io.read_scan(realdata("lidar/other_sensors") / f"{name}.pcd.xz")
+    assert said(scan).processing == ()
+    half = scan.points[LEFT_OUT["half"](scan.points)]
+    assert [step.kind for step in said(without_labels(half)).processing] == ["thinned"]
 
 
 def test_reflectances_of_sixteen_bits_are_those_of_the_scanner(unit: Unit) -> None:

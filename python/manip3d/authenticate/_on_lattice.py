@@ -28,6 +28,8 @@ from manip3d.authenticate._power import (
     BLIND_COPIED,
     BLIND_CUT,
     BLIND_CUT_ELSEWHERE,
+    BLIND_EXACT,
+    BLIND_EXACT_WITHOUT_STEPS,
     BLIND_TURNED,
     BLIND_TURNED_ANYHOW,
     BLIND_WHOLE_STEPS,
@@ -207,7 +209,7 @@ def _blind(sensor: Sensor, reports: Sequence[DetectorReport]) -> tuple[str, ...]
     Reflectances that were judged are none, even if the power was not measured; see
     `Inspection.power_notes`.
     """
-    blind = [*BLIND]
+    blind = [*_blind_anyhow(sensor.lattice)]
     if not any(report.name == "turns" and report.power for report in reports):
         blind.append(BLIND_WITHOUT_TURNS)
     if sensor.lattice is not None:
@@ -217,6 +219,13 @@ def _blind(sensor: Sensor, reports: Sequence[DetectorReport]) -> tuple[str, ...]
     if not any(report.name == "reflectance" and report.verdict in judged for report in reports):
         blind.append(BLIND_WITHOUT_REFLECTANCES)
     return tuple(blind)
+
+
+def _blind_anyhow(lattice: SensorLattice | None) -> tuple[str, ...]:
+    """Classes of edits that no detector finds in any scan with such a lattice."""
+    if lattice is None or not lattice.is_exact:
+        return BLIND
+    return BLIND_EXACT if lattice.steps else BLIND_EXACT_WITHOUT_STEPS
 
 
 def _blind_on(lattice: SensorLattice) -> list[str]:

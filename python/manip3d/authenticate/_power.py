@@ -26,12 +26,30 @@ if TYPE_CHECKING:
     from manip3d._util.options import Progress
     from manip3d.authenticate._edits import Cloud, Points, Rows
 
+BLIND_REFLECTANCES = (
+    "reflectance rewritten within the noise, or with that of other firings of the same lasers"
+)
+"""A class of edits that no detector here finds in any scan."""
+
 BLIND = (
-    "reflectance rewritten within the noise, or with that of other firings of the same lasers",
+    BLIND_REFLECTANCES,
     "points left out one by one: fewer than one of 200 of the scan, or up to 4 of 5 of an object's",
     "points left out that stand alone, where they are too few to be told as a filter of outliers",
 )
 """Classes of edits that no detector here finds."""
+
+BLIND_EXACT = (
+    BLIND_REFLECTANCES,
+    "points left out: fewer than one of seven of the scan, those of objects, whole columns, or "
+    "sectors of the turn (a scanner may be set to a part of it)",
+)
+"""The same for exact clouds whose azimuths have steps."""
+
+BLIND_EXACT_WITHOUT_STEPS = (
+    BLIND_REFLECTANCES,
+    "points left out, however many: the scanner's azimuths have no steps that tell gaps",
+)
+"""The same for exact clouds whose azimuths have none."""
 
 BLIND_WITHOUT_TURNS = (
     "ranges of existing firings rewritten on the lattice, with reflectances that fit (white-box)"

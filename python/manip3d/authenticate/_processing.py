@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from manip3d import _core
+from manip3d.authenticate._exact_thinning import thinned_exactly
 from manip3d.authenticate._extent import (
     OWN_CAR_SILENT,
     processing_of_extent,
@@ -264,7 +265,7 @@ def _processing_of_lattice(
         if "duplicate" in contradicted:
             return [Processing("fused", "most directions hold several returns")]
         if lattice is not None and lattice.is_exact:
-            return _averaged(points, generic)
+            return _averaged(points, generic) or thinned_exactly(points, lattice, reading)
         if sensor.name != HDL64E or lattice is None or contradicted & OFF_FIRING:
             return []
         return processing_of_own(points, lattice, reading)
