@@ -24,6 +24,9 @@ from manip3d.authenticate import (
     Watermarked,
     Watermarker,
     WatermarkResult,
+    embed_files,
+    read_record,
+    record_path,
     verdict_of_stream,
 )
 from manip3d.authenticate._watermark_files import StreamTally
@@ -820,6 +823,31 @@ def test_float32_points_that_became_decimals_are_authentic(
     assert read.exact is not None
     is_moved = (suffix, embedding) == (".las", "qim")  # its cells are no whole steps of 0.1 mm
     assert verify(key, read, sent.record).verdict == ("tampered" if is_moved else "authentic")
+
+
+@pytest.mark.filterwarnings("ignore:where the scanner stood is not known")
+@pytest.mark.parametrize("suffix", [".pcd", ".ply", ".bin"])
+@pytest.mark.parametrize("embedding", ["lbm", "detached"])
+def test_decimals_are_signed_in_float32_for_files_that_hold_no_more(
+    key: KeyFile, tmp_path: Path, embedding: str, suffix: str
+) -> None:
+    rows = np.random.default_rng(5).uniform(-40, 40, (3000, 3))
+    (tmp_path / "a.xyz").write_text("\n".join("{:.9f} {:.9f} {:.9f}".format(*row) for row in rows))
+    assert io.read_scan(tmp_path / "a.xyz").exact is not None
+    target = tmp_path / f"b{suffix}"
+    with Watermarker(key, embedding=embedding, round_points=True) as marker:
+        embed_files(marker, tmp_path / "a.xyz", target)
+    found = verify(key, io.read_scan(target), read_record(record_path(target)))
+    assert found.verdict == "authentic", found.reason
+
+
+def test_coordinates_that_are_too_far_away_are_named(key: KeyFile) -> None:
+    exact = np.array([[4.5e8, 1.0, 2.0], [4.5e8, 3.0, 4.0]])
+    scan = LidarFrame(exact.astype(np.float32), exact=exact)
+    with pytest.raises(InputError, match=r"^points: .* 2\^37 steps .* \(450000000, 2, 3\) m"):
+        Watermarker(key).embed(scan)
+    with pytest.raises(InputError, match=r"^origin: .* \(450000000, 0, 0\) m"):
+        Watermarker(key, origin=(4.5e8, 0.0, 0.0)).embed(scan)
 
 
 def test_a_chain_takes_one_version_of_a_frame_that_was_signed_twice(key: KeyFile) -> None:

@@ -587,7 +587,9 @@ class Watermarker(Closing):
             place = np.round((frame.exact.min(axis=0) + frame.exact.max(axis=0)) / 2.0)
         steps = place * self._options[3]
         if not (np.abs(steps) < _FARTHEST_STEP).all():
-            raise InputError(f"origin: expected at most 2^37 steps of the grid, got {place}")
+            where = ", ".join(f"{metres:.0f}" for metres in place.tolist())
+            whose = "points: expected coordinates" if self._origin is None else "origin: expected"
+            raise InputError(f"{whose} within 2^37 steps of the grid, got ({where}) m")
         x, y, z = (round(step) for step in steps.tolist())
         return x, y, z
 

@@ -22,7 +22,13 @@ from manip3d.io import read_scan, write_scan
 from manip3d.io._files import atomic_pair, atomic_path, open_regular
 from manip3d.io._frame_times import drive_times
 from manip3d.io._scan_files import FOLDER_SUFFIXES, position_losses, readable_scans, scan_paths
-from manip3d.io._scan_tables import grid_of, lost_grid, scan_stem, scan_suffix
+from manip3d.io._scan_tables import (
+    grid_of,
+    keeps_float32_only,
+    lost_grid,
+    scan_stem,
+    scan_suffix,
+)
 from manip3d.lidar import LidarFrame
 
 if TYPE_CHECKING:
@@ -305,8 +311,9 @@ def as_stored(
     intensity = frame.intensity
     if intensity is None and scan_suffix(target) in _WITH_INTENSITY:
         intensity = np.zeros(frame.num_points, np.float32)
-    stored = frame.replace(intensity=intensity)
     suffix = scan_suffix(target)
+    exact = None if keeps_float32_only(frame, suffix) else frame.exact
+    stored = frame.replace(intensity=intensity, exact=exact)
     # Frames that were made in memory state no position, and nobody expects it in the file.
     for loss in position_losses(frame, suffix) if frame.format is not None else ():
         warnings.warn(loss, stacklevel=caller_level())
@@ -388,7 +395,7 @@ def write_watermarked(
             shutil.copyfile(source, temporary)
         else:
             write_scan(sent.frame, temporary)
-        _check_reads_back(read_scan(temporary), sent.frame, target)
+        _check_reads_back(read_scan(temporary), sent, target)
         beside.write_bytes(told)
 
 
@@ -405,19 +412,24 @@ def check_keeps_signed(
         check_holds_float32(target)
 
 
-def _check_reads_back(read: LidarFrame, sent: LidarFrame, target: Path) -> None:
+def _check_reads_back(read: LidarFrame, sent: Watermarked, target: Path) -> None:
     """Raise InputError if the scan that was read from a file does not match its record."""
-    if not _are_same(read.exact, sent.exact):
+    frame = sent.frame
+    if not _are_same(read.exact, frame.exact):
+        remedy = "write the format that they were read from"
+        if not sent.is_detached:
+            remedy += (
+                ", with steps as fine as the watermark's (those of LAS files are often 10 mm), or "
+                "use a detached watermark, which moves no point"
+            )
         raise InputError(
-            f"{target}: the file does not keep the coordinates that were signed; write the format "
-            "that they were read from, with steps as fine as the watermark's (those of LAS files "
-            "are often 10 mm), or use a detached watermark, which moves no point"
+            f"{target}: the file does not keep the coordinates that were signed; {remedy}"
         )
-    is_float32 = sent.exact is None
+    is_float32 = frame.exact is None
     pairs = {
-        "coordinates": not is_float32 or np.array_equal(read.points, sent.points),
-        "intensities": _are_equal(read.intensity, sent.intensity),
-        "number of points without coordinates": read.num_dropped == sent.num_dropped,
+        "coordinates": not is_float32 or np.array_equal(read.points, frame.points),
+        "intensities": _are_equal(read.intensity, frame.intensity),
+        "number of points without coordinates": read.num_dropped == frame.num_dropped,
     }
     for name, is_kept in pairs.items():
         if not is_kept:

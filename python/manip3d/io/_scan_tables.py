@@ -546,6 +546,19 @@ def stored_coordinates(frame: LidarFrame, name: str) -> NDArray[Any]:
     return frame.points if of_map is None else _as_decimals(of_map, frame)
 
 
+def keeps_float32_only(frame: LidarFrame, suffix: str) -> bool:
+    """Return whether a binary file of this suffix gets the points in single precision.
+
+    That is the case if they were read from a file of another format and are near its origin, or if
+    the format holds no doubles.
+    """
+    name = format_name(suffix)
+    if name not in (*_BARE, "pcd", "ply"):
+        return False
+    is_own = frame.format is not None and frame.format.name == name
+    return not is_own and map_coordinates(frame, name) is None
+
+
 def loses_map_coordinates(frame: LidarFrame, suffix: str) -> bool:
     """Return whether map coordinates are lost in a file of this suffix, which gets shifted ones."""
     name = format_name(suffix)
