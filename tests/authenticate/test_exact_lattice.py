@@ -41,6 +41,7 @@ from manip3d.authenticate._power import (
     BLIND_CUT_ELSEWHERE,
     BLIND_EXACT,
     BLIND_EXACT_WITHOUT_STEPS,
+    BLIND_OTHER_SCAN,
     BLIND_TURNED,
     BLIND_TURNED_ANYHOW,
     BLIND_WHOLE_STEPS,
@@ -525,6 +526,18 @@ def test_copies_that_are_mirrored_or_many_are_found_too() -> None:
     assert said(mirrored).verdict == "tampered"
     many, _ = pasted(scan, np.concatenate([turned(post, 33.3 * k) for k in (1, 2, 3, 5)]))
     assert said(many).verdict == "tampered"
+
+
+def test_an_object_of_another_scan_of_the_scanner_is_stated_as_not_found() -> None:
+    """It stands on the lattice of both scans, with ranges of its own."""
+    scan, other = (exact_scan(hesai(), seed) for seed in (1, 2))
+    without = scan.points[~on_post(scan.points)]
+    post = other.points[on_post(other.points)]
+    lattice = estimate_lattice([scan, other])
+    found = inspect(without_labels(np.concatenate([without, post])), lattice=lattice, power=False)
+    assert found.verdict == "undecidable"
+    assert BLIND_OTHER_SCAN in found.blind
+    assert BLIND_OTHER_SCAN in said(exact_scan(velodyne(), labelled=True)).blind
 
 
 @pytest.mark.parametrize("kind", ["ouster", "velodyne"])

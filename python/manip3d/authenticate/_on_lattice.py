@@ -30,6 +30,7 @@ from manip3d.authenticate._power import (
     BLIND_CUT_ELSEWHERE,
     BLIND_EXACT,
     BLIND_EXACT_WITHOUT_STEPS,
+    BLIND_OTHER_SCAN,
     BLIND_TURNED,
     BLIND_TURNED_ANYHOW,
     BLIND_WHOLE_STEPS,
@@ -233,8 +234,10 @@ def _blind_on(lattice: SensorLattice) -> list[str]:
     if not lattice.is_exact:
         return [] if lattice.steps else [BLIND_WITHOUT_STEPS]
     if not lattice.range_step:
-        return [BLIND_COPIED if lattice.steps else BLIND_WITHOUT_STEPS, BLIND_ALONG_RAYS]
-    return [BLIND_TURNED if lattice.steps else BLIND_TURNED_ANYHOW, BLIND_WHOLE_STEPS]
+        turned = BLIND_COPIED if lattice.steps else BLIND_WITHOUT_STEPS
+        return [BLIND_OTHER_SCAN, turned, BLIND_ALONG_RAYS]
+    turned = BLIND_TURNED if lattice.steps else BLIND_TURNED_ANYHOW
+    return [BLIND_OTHER_SCAN, turned, BLIND_WHOLE_STEPS]
 
 
 def _processing_of_points(

@@ -89,6 +89,13 @@ BLIND_COPIED = (
 )
 """A further blind class in exact clouds whose ranges have no steps, but whose azimuths have."""
 
+BLIND_OTHER_SCAN = (
+    "objects taken from another scan of this scanner, in the directions in which it saw them "
+    "there: they stand on the same lattice"
+)
+"""A further blind class in exact clouds. Objects of the class "added" are turned by no whole number
+of steps."""
+
 BLIND_ALONG_RAYS = "points moved along their rays: the scanner's ranges have no steps"
 """A further blind class in exact clouds whose ranges have no steps."""
 
