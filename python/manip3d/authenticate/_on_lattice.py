@@ -164,7 +164,11 @@ def _returns_by_lattice(case: Case, beside: Beside, padded: tuple[Processing, ..
     sensor = _told_of_returns(sensor, centred, once)
     repeated_turns = tuple(Processing("repeated", detail) for detail in repeats)
     processing = of_rows + padded + padding(case.scan, sensor) + repeated_turns
-    processing += _processing_of_points(case, centred, generic, once)
+    of_points = _processing_of_points(case, centred, generic, once)
+    if padded and sensor.lattice is not None and sensor.lattice.is_exact:
+        # Firings that were filled lack their returns, which explains single missing ones.
+        of_points = tuple(step for step in of_points if step.kind != "thinned")
+    processing += of_points
     if generic is not None and _changed(processing):
         generic = generic.without(_spoiled(generic, processing))
     compared = _Compared(None, None, (), why_not)
