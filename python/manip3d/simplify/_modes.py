@@ -50,7 +50,7 @@ def simplify(
     importance: ArrayLike | None = None,
     memory: int | None = None,
     color_weight: float | None = None,
-    threads: int | None = None,
+    threads: int = 0,
     progress: Progress = None,
 ) -> QualityResult | SimplifyResult:
     """Simplify a mesh by edge collapses, to a number of faces or within an error.
@@ -89,8 +89,8 @@ def simplify(
     color_weight : float, optional
         Weight of errors of vertex colours relative to those of the shape; for ``mode='quality'``
         and ``mode='fast'``, whose default is 0.01: the shape has priority.
-    threads : int, optional
-        Number of threads, for ``mode='fast'``; 0, the default: ``MANIP3D_THREADS``, else all cores.
+    threads : int
+        Number of threads, for ``mode='fast'``; 0: ``MANIP3D_THREADS``, else all cores.
     progress : None, True or callable
         ``True`` shows a bar; a callable gets ``(fraction, message)``, at most ten times a second.
 
@@ -129,7 +129,7 @@ def simplify(
         "importance": importance,
         "memory": memory,
         "color_weight": color_weight,
-        "threads": threads,
+        "threads": threads or None,
     }
     for name, value in more.items():
         if value is None:
