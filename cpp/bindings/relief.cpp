@@ -71,6 +71,9 @@ void bind_relief(py::module_& m) {
       .value("target", ReliefStop::kTarget)
       .value("all_points", ReliefStop::kAllPoints)
       .value("small_pieces", ReliefStop::kSmallPieces)
+      .value("few_faces", ReliefStop::kFewFaces)
+      .value("fewer_points", ReliefStop::kFewerPoints)
+      .value("pinholes", ReliefStop::kPinholes)
       .value("smaller_level", ReliefStop::kSmallerLevel)
       .finalize();
   py::class_<ReliefOptions>(m, "ReliefOptions")

@@ -279,7 +279,10 @@ class ReliefStop(enum.Enum):
     target = 0
     all_points = 1
     small_pieces = 2
-    smaller_level = 3
+    few_faces = 3
+    fewer_points = 4
+    pinholes = 5
+    smaller_level = 6
 
 class ReliefOptions:
     effort: ReliefEffort

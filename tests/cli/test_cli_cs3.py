@@ -603,6 +603,20 @@ def test_a_missed_target_is_exit_4_under_strict(tmp_path: Path) -> None:
     assert json.loads(done.stdout)["points"] == np.isfinite(scene.depth).sum()
 
 
+def test_a_missed_target_is_told_with_its_reason(tmp_path: Path) -> None:
+    v, u = np.mgrid[0:24, 0:30]
+    tiles, holes = tmp_path / "tiles.npy", tmp_path / "holes.npy"
+    np.save(tiles, np.where((u // 4 + v // 4) % 2 == 0, 1.0, 2.0).astype(np.float32))
+    measured = np.random.default_rng(0).random((24, 30)) < 0.5
+    np.save(holes, np.where(measured, 2.0 + 0.1 * np.sin(u / 7) * np.cos(v / 5), 0.0))
+    base = ("--intrinsics", "30,30,14.5,11.5", "--unit", "1", "-o", tmp_path / "x.ply", "--force")
+    few = manip3d("depth", tiles, "--points", "5", *base)
+    assert "pixels of triangles left out" in few.stderr
+    assert "target of 5 points missed, as only a few triangles of a larger mesh" in few.stderr
+    pinholes = manip3d("depth", holes, "--points", "20", "--effort", "live", *base)
+    assert "target of 20 points missed, as points at pinholes were merged" in pinholes.stderr
+
+
 def test_low_coverage_is_exit_4_under_strict(frame: Path, tmp_path: Path) -> None:
     base = ("depth", frame, "--points", "300", "--intrinsics", FOCAL, "--json", "--strict")
     shares = {}

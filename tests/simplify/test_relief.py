@@ -793,6 +793,36 @@ def test_a_small_piece_gives_way_to_the_shape_of_a_large_one() -> None:
     assert (few.stop, few.dropped_pixels, few.num_vertices) == ("small_pieces", 1, 40)
 
 
+def test_fewer_points_that_cover_more_are_the_reason() -> None:
+    """A mesh of six points covers a tenth more of a square ring than one of seven."""
+    v, u = np.mgrid[0:24, 0:24] - 11.5
+    ring = np.maximum(abs(u), abs(v)) > 6
+    found = simplify.relief_grid(bumps(24, 24), ring, 7, effort="fast")
+    assert (found.stop, found.num_vertices, found.dropped_pixels) == ("fewer_points", 6, 0)
+    exact = simplify.relief_grid(bumps(24, 24), ring, 6, effort="fast")
+    assert exact.stop == "target"
+    assert np.array_equal(found.faces, exact.faces)
+
+
+def test_points_merged_or_left_out_at_pinholes_are_the_reason() -> None:
+    valid = np.random.default_rng(0).random((24, 30)) < 0.5
+    found = simplify.relief_grid(bumps(24, 30), valid, 20, max_edge=5.0, effort="live")
+    assert found.filled_pixels > 0
+    assert found.dropped_pixels == 0
+    assert found.num_vertices < 20
+    assert found.stop == "pinholes"
+
+
+def test_a_few_faces_of_a_larger_mesh_are_the_reason() -> None:
+    """Tiles of equal size at two depths: the result is two triangles, and no piece was small."""
+    v, u = np.mgrid[0:24, 0:30]
+    tiles = np.where((u // 4 + v // 4) % 2 == 0, 1.0, 2.0)
+    camera = Intrinsics(30, 24, 30.0, 30.0, 14.5, 11.5)
+    found = simplify.relief(tiles.astype(np.float32), camera, 5, depth_step=0.05)
+    assert (found.stop, found.num_vertices, found.num_faces) == ("few_faces", 4, 2)
+    assert found.dropped_pixels > 300
+
+
 def test_pieces_left_out() -> None:
     valid = np.zeros((40, 40), bool)
     for u in range(0, 40, 4):

@@ -308,7 +308,7 @@ struct Relief::Memory {
   void make_mesh(const ReliefOptions& options, std::int64_t target, const LeftOut& left_out,
                  ReliefResult& result);
   double written_coverage(const Triangulation& of);
-  void try_mesh(const ReliefOptions& options, std::int64_t target, const LeftOut& left_out,
+  bool try_mesh(const ReliefOptions& options, std::int64_t target, const LeftOut& left_out,
                 double factor, double& covered, ReliefResult& result);
   void make_best_mesh(const ReliefOptions& options, std::int64_t target, ReliefResult& result);
   /// Is there time to exchange vertices, and little contour for each vertex? In a stream, an
@@ -499,9 +499,10 @@ void Relief::Memory::select(const ReliefOptions& options, std::int64_t target,
     collapser.sweep(surface, mesh, target, budget.sweep_share, is_many ? used / kSpeck : 0,
                     progress);
   }
-  result.dropped_pixels =
+  const auto [dropped, in_faces] =
       collapser.run(surface, mesh, target, budget.round_share, left_out.off, progress);
-  if (result.dropped_pixels > 0) result.stop = ReliefStop::kSmallPieces;
+  result.dropped_pixels = dropped;
+  if (dropped > 0) result.stop = in_faces ? ReliefStop::kFewFaces : ReliefStop::kSmallPieces;
   if (has_many_pixels()) collapser = {};
   mesh.compact();  // the later stages visit the vertices several times
 }
@@ -608,7 +609,8 @@ double Relief::Memory::written_coverage(const Triangulation& of) {
 
 /// Makes another mesh. It replaces `mesh` if it fits and covers more than `factor` times `covered`,
 /// which is the coverage of `mesh` (negative: `mesh` does not fit) and is updated.
-void Relief::Memory::try_mesh(const ReliefOptions& options, std::int64_t target,
+/// @return  Whether it replaces `mesh`.
+bool Relief::Memory::try_mesh(const ReliefOptions& options, std::int64_t target,
                               const LeftOut& left_out, double factor, double& covered,
                               ReliefResult& result) {
   std::swap(mesh, best);
@@ -618,12 +620,13 @@ void Relief::Memory::try_mesh(const ReliefOptions& options, std::int64_t target,
     const double now = written_coverage(mesh);
     if (now > factor * covered) {
       covered = now;
-      return;
+      return true;
     }
   }
   std::swap(mesh, best);
   result.stop = stop;
   result.dropped_pixels = dropped;
+  return false;
 }
 
 /// Makes a mesh, where needed several in different ways, and keeps the one with the most coverage.
@@ -658,17 +661,23 @@ void Relief::Memory::make_best_mesh(const ReliefOptions& options, std::int64_t t
   if (!(is_few && has_steps) && tries == 0 && !is_near_few && !may_fall_apart && !has_specks)
     return;
   double covered = fits(target) ? written_coverage(mesh) : -1.0;
+  const auto try_size = [&](std::int64_t size, const LeftOut& left_out,
+                            double factor = kWorthLeaving) {
+    const bool is_better = try_mesh(options, size, left_out, factor, covered, result);
+    if (is_better && size < target && result.stop != ReliefStop::kFewFaces)
+      result.stop = ReliefStop::kFewerPoints;
+  };
   const auto try_without_off = [&](std::int64_t size, double factor) {
-    try_mesh(options, size, {OffFaces::kAvoid}, factor, covered, result);
-    try_mesh(options, size, {OffFaces::kNever}, kWorthLeaving, covered, result);
+    try_size(size, {OffFaces::kAvoid}, factor);
+    try_size(size, {OffFaces::kNever});
   };
   // Smaller meshes (kNearFew) can cover less than a mesh of this size without specks, and yet so
   // much that it is no longer worth leaving them out.
   if (!is_few && has_specks && kWorthLeaving * covered < 1.0)
-    try_mesh(options, target, {OffFaces::kTake, true}, kWorthLeaving, covered, result);
+    try_size(target, {OffFaces::kTake, true});
   if (is_few && has_steps) try_without_off(target, 1.0);
   if (is_near_few && kWorthLeaving * covered < 1.0) {
-    try_mesh(options, relief_detail::kFew, {}, kWorthLeaving, covered, result);
+    try_size(relief_detail::kFew, {});
     if (has_steps) try_without_off(relief_detail::kFew, kWorthLeaving);
   }
   if (may_fall_apart && covered < kFallenApart) {
@@ -678,12 +687,11 @@ void Relief::Memory::make_best_mesh(const ReliefOptions& options, std::int64_t t
   }
   const auto end = std::ranges::lower_bound(kFewSizes, target);
   for (auto size = end; size != kFewSizes.begin() && end - size < tries;) {
-    try_mesh(options, *--size, {}, kWorthLeaving, covered, result);
+    try_size(*--size, {});
   }
   if (!(is_few && has_specks && kWorthLeaving * covered < 1.0)) return;
-  try_mesh(options, target, {OffFaces::kTake, true}, kWorthLeaving, covered, result);
-  if (much_speck && has_steps)
-    try_mesh(options, target, {OffFaces::kNever, true}, kWorthLeaving, covered, result);
+  try_size(target, {OffFaces::kTake, true});
+  if (much_speck && has_steps) try_size(target, {OffFaces::kNever, true});
 }
 
 /// Makes sure that at least one triangle is written. All triangles of the mesh may be at pinholes
@@ -700,7 +708,7 @@ void Relief::Memory::keep_a_face(ReliefResult& result) {
   }
   mesh.assign(surface, kept);
   refiner.assign(mesh);
-  result.stop = ReliefStop::kSmallPieces;
+  result.stop = ReliefStop::kFewFaces;
   result.dropped_pixels = surface.num_used() - relief_detail::doubled_pixels(mesh) / 2;
 }
 
@@ -758,9 +766,7 @@ void Relief::Memory::write(const PointGridView& grid, const ReliefOptions& optio
   writer.write(meshes, grid, result);
   const Rows<std::int32_t, 2>& pixels = result.mesh.pixels;
   if (result.stop == ReliefStop::kTarget && pixels.rows() < options.target_points) {
-    // Vertices left pinholes by merging, triangles at pinholes were left out, or a smaller size
-    // covered more.
-    result.stop = ReliefStop::kSmallPieces;
+    result.stop = ReliefStop::kPinholes;
   }
   previous.clear();
   for (Eigen::Index i = 0; i < pixels.rows(); ++i) {

@@ -724,18 +724,19 @@ bool Collapser::refuses_now(const Surface& surface, std::int64_t num_vertices, O
   return off == OffFaces::kAvoid && num_vertices <= kFew && !forced;
 }
 
-void Collapser::remember_few(const Surface& surface, const Triangulation& mesh,
+bool Collapser::remember_few(const Surface& surface, const Triangulation& mesh,
                              std::int64_t target) {
-  if (mesh.num_vertices() > few_below_) return;
+  if (mesh.num_vertices() > few_below_) return false;
   few_below_ = mesh.num_vertices() - std::max<std::int64_t>(1, mesh.num_vertices() / 4);
   FewFaces faces = few_faces(surface, mesh, target);
-  if (!few_.corners.empty() && faces.covered <= few_.covered) return;
+  if (!few_.corners.empty() && faces.covered <= few_.covered) return false;
   few_total_ = left_out_ + doubled_pixels(mesh);
   few_ = std::move(faces);
+  return true;
 }
 
-std::int64_t Collapser::run(const Surface& surface, Triangulation& mesh, std::int64_t target,
-                            float round_share, OffFaces off, const Progress& progress) {
+LeftOutPixels Collapser::run(const Surface& surface, Triangulation& mesh, std::int64_t target,
+                             float round_share, OffFaces off, const Progress& progress) {
   Ticker ticker(progress);
   find_share(target);
   few_ = {};
@@ -779,12 +780,14 @@ std::int64_t Collapser::run(const Surface& surface, Triangulation& mesh, std::in
     all = !made;
   }
   if (has_fixed_ || (mesh.num_vertices() <= target && few_.corners.empty())) {
-    return (left_out_ + 1) / 2;
+    return {(left_out_ + 1) / 2};
   }
   few_below_ = mesh.num_vertices();
-  remember_few(surface, mesh, target);
+  const bool are_of_this = remember_few(surface, mesh, target);
   mesh.assign(surface, few_.corners);
-  return (few_total_ - doubled_pixels(mesh) + 1) / 2;
+  const std::int64_t doubled = few_total_ - doubled_pixels(mesh);
+  const bool are_all = are_of_this && doubled == left_out_;
+  return {(doubled + 1) / 2, !are_all};
 }
 
 }  // namespace manip3d::relief_detail

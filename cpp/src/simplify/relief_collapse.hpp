@@ -43,6 +43,12 @@ enum class OffFaces : std::uint8_t {
            ///< to the target, have more pixels than the mesh in the end, these are the result.
 };
 
+/// Parts of the surface that Collapser::run() left out.
+struct LeftOutPixels {
+  std::int64_t number = 0;
+  bool in_faces = false;  ///< They are those of all but few_faces(), not only of small pieces.
+};
+
 /// Removes vertices from a triangulation; each step is the one that adds least to the sum of
 /// distances between the surface and the mesh.
 ///
@@ -79,9 +85,8 @@ class Collapser {
   /// Stops at `target` vertices, or with more if vertices that must stay prevent it. Each round
   /// makes the best moves first, and removes at most the share `round_share` of the vertices. If no
   /// collapse leads to `target`, the result is few_faces() of the mesh at that point.
-  /// @return  Number of pixels of the pieces left out.
-  std::int64_t run(const Surface& surface, Triangulation& mesh, std::int64_t target,
-                   float round_share, OffFaces off, const Progress& progress);
+  LeftOutPixels run(const Surface& surface, Triangulation& mesh, std::int64_t target,
+                    float round_share, OffFaces off, const Progress& progress);
   /// The share of the area in pieces of fewer pixels than this, which may be left out; 0 if there
   /// are none. If no piece has more pixels, the largest one does not count.
   [[nodiscard]] double area_of_specks(std::int64_t least_pixels) const;
@@ -175,7 +180,8 @@ class Collapser {
                                         OffFaces off, bool forced);
   /// Finds few_faces() if the mesh has few enough vertices; keeps those with the most pixels so
   /// far.
-  void remember_few(const Surface& surface, const Triangulation& mesh, std::int64_t target);
+  /// @return  Whether these are kept now.
+  bool remember_few(const Surface& surface, const Triangulation& mesh, std::int64_t target);
   void leave_out(Triangulation& mesh, std::int32_t piece, std::span<const std::int32_t> faces);
 
   std::vector<Node> nodes_;             ///< By vertex.

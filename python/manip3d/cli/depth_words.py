@@ -175,11 +175,21 @@ def _covered(result: DepthFileResult) -> str:
     )
 
 
+_WHY_FEWER = {
+    "small_pieces": ", as small pieces were left out with all of their points",
+    "few_faces": ", as only a few triangles of a larger mesh are left",
+    "fewer_points": ", as a mesh of fewer points covers more",
+    "pinholes": ", as points at pinholes were merged or left out",
+}
+"""Words on the ``stop`` of a relief with fewer points than the target."""
+
+
 def _missed(result: DepthFileResult) -> str:
     """Return words on the numbers of points and bytes, and on what speaks against the mesh."""
     options, words = result.options, ""
     if result.target_missed:
         words += f"; target of {counted(options.points or 0, 'point')} missed"
+        words += _WHY_FEWER.get(result.stop, "")
     if result.num_bytes is not None:
         words += f"; {count(result.num_bytes)} of {counted(options.max_bytes or 0, 'byte')}"
     return words + _left_across_steps(result)
@@ -195,7 +205,8 @@ def _not_covered(result: DepthFileResult, so_few: str) -> str:
         words += f", {100 * result.outside:.1f} % of the measured pixels lie on no surface{so_few}"
     words += _without_ray(result)
     if result.dropped_pixels:
-        words += f", {counted(result.dropped_pixels, 'pixel')} of small pieces left out"
+        parts = "triangles" if result.stop == "few_faces" else "small pieces"
+        words += f", {counted(result.dropped_pixels, 'pixel')} of {parts} left out"
     if result.unsure_pixels:
         words += f", {counted(result.unsure_pixels, 'pixel')} without confidence left out"
     if result.filled_pixels:

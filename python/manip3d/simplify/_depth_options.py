@@ -202,13 +202,14 @@ class DepthFileResult:
     left_area : float
         Share of the mesh's area in these faces.
     dropped_pixels : int
-        Pixels of small pieces of the surface that a ``relief`` left out.
+        Pixels of the surface that a ``relief`` left out: of small pieces, or with the ``stop``
+        ``few_faces`` those of most triangles.
     filled_pixels : int
         Pixels of pinholes that a ``relief`` continued the surface over.
     unsure_pixels : int
         Measured pixels that a ``relief`` left out, as pieces of the surface without confidence.
     stop : str
-        Reason why the run stopped, as in `DepthSimplification`.
+        Reason why the run stopped, as in `DepthSimplification` and `Relief`.
     reached : str or None
         Step of ``cs3`` that set the number of points, as in `Cs3Result`.
     literal_count : int or None

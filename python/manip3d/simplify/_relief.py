@@ -72,18 +72,25 @@ class Relief(DepthSimplification):
 
     Attributes
     ----------
-    stop : 'target', 'all_points', 'small_pieces', 'smaller_level' or 'bandwidth'
-        Reduced to the target; the surface has no more points than that; see below; or the vertices
-        of a smaller level left no way to more, so that its mesh is the result.
-        ``small_pieces``: small separate pieces were left out, because their points serve better
-        elsewhere (`dropped_pixels`), or there are fewer points than the target: a smaller number
-        covered more, a vertex could leave an unmeasured pixel only by merging, or could not leave
-        it, so that its triangles were left out. Where no collapse is left, all but few triangles
-        are left out.
-        ``bandwidth`` (`ReliefStream`): not even three points fit into the bytes that are left, and
-        the mesh is empty.
+    stop : str
+        Reason why the mesh has its number of points.
+
+        - ``target``: it was reduced to the target.
+        - ``all_points``: the surface has no more points.
+        - ``small_pieces``: small separate pieces were left out with all of their points, because
+          these serve better elsewhere (`dropped_pixels`).
+        - ``few_faces``: no other mesh of the target was found, or none that covers as much, so that
+          a few triangles of a larger mesh are the result (`dropped_pixels`).
+        - ``fewer_points``: a mesh of fewer points covers more; it may be without small pieces, too.
+        - ``pinholes``: vertices at filled pixels merged into others, or were left out with their
+          triangles.
+        - ``smaller_level``: the vertices of a smaller level left no way to more, so that its mesh
+          is the result.
+        - ``bandwidth`` (`ReliefStream`): not even three points fit into the bytes that are left,
+          and the mesh is empty.
     dropped_pixels : int
-        Pixels of the pieces left out; triangles at unmeasured pixels do not count.
+        Pixels of the pieces or, with ``few_faces``, triangles left out; triangles at unmeasured
+        pixels do not count.
     filled_pixels : int
         Unmeasured pixels, in holes of at most four amid a surface, and single measurements with
         steps all around them, that the surface was continued over; 0 if they are fewer than one of

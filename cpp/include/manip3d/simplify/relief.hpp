@@ -41,13 +41,14 @@ struct ReliefOptions {
 
 /// Reason why the relief has its number of vertices.
 enum class ReliefStop : std::uint8_t {
-  kTarget,     ///< The mesh was reduced to the target.
-  kAllPoints,  ///< The surface has at most target_points points.
-  /// Pieces were left out (dropped_pixels), or there are fewer points than the target: a smaller
-  /// number of points covered more, a vertex could leave a pinhole only by merging, or could not
-  /// leave it, so that its triangles were left out. If nothing else was possible, all but a few
-  /// triangles were left out.
-  kSmallPieces,
+  kTarget,       ///< The mesh was reduced to the target.
+  kAllPoints,    ///< The surface has at most target_points points.
+  kSmallPieces,  ///< Small pieces were left out (dropped_pixels), each with all of its vertices.
+  /// A few triangles of a larger mesh are the result; the others were left out (dropped_pixels).
+  kFewFaces,
+  kFewerPoints,  ///< A mesh of fewer vertices covers more; it may be without small pieces as well.
+  /// Vertices at pinholes merged into others, or were left out with their triangles.
+  kPinholes,
   /// No legal collapse kept the vertices of a smaller level; the result is its mesh.
   kSmallerLevel
 };
@@ -62,7 +63,8 @@ struct ReliefResult {
   DepthMesh mesh;
   std::vector<ReliefLevel> levels;  ///< Sizes as in ReliefOptions::levels, or less.
   ReliefStop stop = ReliefStop::kTarget;
-  std::int64_t dropped_pixels = 0;  ///< Pixels of the pieces left out, triangles at pinholes aside.
+  /// Pixels of the pieces or, with kFewFaces, triangles left out, except triangles at pinholes.
+  std::int64_t dropped_pixels = 0;
   /// (k, 2) column and row of the pixels of pinholes over which the surface was continued.
   Rows<std::int32_t, 2> filled;
   /// (k, 2) column and row of the measured pixels that were left out as pieces without confidence.
