@@ -4,6 +4,7 @@
 #include <bit>
 #include <cstdint>
 #include <limits>
+#include <optional>
 #include <tuple>
 #include <utility>
 #include <vector>
@@ -70,6 +71,7 @@ bool FastPass::is_small() const {
 PassReport FastPass::run(std::int64_t needed, double patience, std::uint32_t visible,
                          double piece) {
   PassReport report;
+  is_in_order_ = is_small();
   visible_ = visible;
   piece_ = key_of(kFarCheaperSquared * static_cast<float>(piece));
   prepare_workers();
@@ -80,7 +82,7 @@ PassReport FastPass::run(std::int64_t needed, double patience, std::uint32_t vis
   find_limit(needed, patience, report);
   mesh_.begin_pass();
   refusals_.assign(mesh_.vertices.size(), 0);
-  if (is_small()) is_beside_.assign(mesh_.vertices.size(), 0);
+  if (is_in_order_) is_beside_.assign(mesh_.vertices.size(), 0);
   gather_candidates();
   // If flips are allowed, faces may also vanish as duplicates; a pass then removes at most half of
   // the needed faces.
@@ -150,12 +152,12 @@ void FastPass::find_limit(std::int64_t needed, double patience, PassReport& repo
                         [](const PricedEdge& edge) { return edge.key == kTooExpensive; });
     }
   }
-  const double share = (is_small() ? kShareOfSmallPass : kShareOfPass) *
+  const double share = (is_in_order_ ? kShareOfSmallPass : kShareOfPass) *
                        static_cast<double>(mesh_.num_faces() - pieces_.num_spent()) / 2.0;
   report.wanted = std::max<std::int64_t>(
       1, static_cast<std::int64_t>(std::min(0.5 * static_cast<double>(needed), share)));
-  const double most =
-      patience * (is_small() ? kSmallCandidates : kCandidates) * static_cast<double>(report.wanted);
+  const double most = patience * (is_in_order_ ? kSmallCandidates : kCandidates) *
+                      static_cast<double>(report.wanted);
   double sum = 0.0;
   report.is_everything = true;
   limit_ = kMaxPrice;
@@ -261,86 +263,171 @@ void FastPass::share_out(std::int64_t needed, int level, bool is_top) {
   }
 }
 
+/// The candidates of a block in order of their prices, and among them those that were postponed.
+class FastPass::CheapestFirst {
+ public:
+  struct Next {
+    EdgeInReach edge;
+    bool was_postponed;
+  };
+
+  CheapestFirst(const FastPass& pass, const Bulk<PricedEdge>& candidates, Worker& worker)
+      : mesh_(pass.mesh_),
+        takes_any_(pass.is_in_order_),
+        candidates_(candidates),
+        near_(worker.in_reach),
+        postponed_(worker.at_ends) {
+    near_.clear();
+    postponed_.clear();
+  }
+
+  /// @return  Nothing if there are no more candidates. In a large pass, most of those with an end
+  ///          that has collapsed are skipped.
+  std::optional<Next> next() {
+    while (at_ == near_.size() && num_found_ < candidates_.size()) find_in_reach();
+    const bool has_near = at_ < near_.size();
+    if (!postponed_.empty() && (!has_near || postponed_.front().key < near_[at_].key)) {
+      std::pop_heap(postponed_.begin(), postponed_.end(), IsDearer());
+      const EdgeInReach edge = postponed_.back();
+      postponed_.pop_back();
+      return Next{edge, true};
+    }
+    if (!has_near) return std::nullopt;
+    prefetch();
+    return Next{near_[at_++], false};
+  }
+
+  /// Gives the edge once more, when no other one is cheaper than this price.
+  void postpone(const EdgeInReach& edge, std::uint32_t price) {
+    postponed_.push_back({price, edge.v, edge.t});
+    std::push_heap(postponed_.begin(), postponed_.end(), IsDearer());
+  }
+
+ private:
+  struct IsDearer {
+    bool operator()(const EdgeInReach& a, const EdgeInReach& b) const {
+      return std::tie(a.key, a.v, a.t) > std::tie(b.key, b.v, b.t);
+    }
+  };
+
+  /// Replaces `near_` by the next candidates. Avoids a branch for each.
+  void find_in_reach() {
+    constexpr std::size_t kAtOnce = 64;
+    near_.resize(2 * kAtOnce);
+    std::size_t count = 0, end = num_found_;
+    while (count < kAtOnce && end < candidates_.size()) {
+      const std::size_t next = std::min(candidates_.size(), end + kAtOnce);
+      for (std::size_t i = next; i < std::min(candidates_.size(), next + kAtOnce); ++i) {
+        __builtin_prefetch(&mesh_.faces[candidates_[i].slot / 3]);
+      }
+      for (; end < next; ++end) {
+        const auto [v, t] = mesh_.edge_at(candidates_[end].slot);
+        near_[count] = {candidates_[end].key, v, t};
+        count +=
+            static_cast<std::size_t>(takes_any_ | ((mesh_.is_taken[v] | mesh_.is_taken[t]) == 0));
+      }
+    }
+    near_.resize(count);
+    num_found_ = end;
+    at_ = 0;
+  }
+
+  /// Prefetches the data of the candidates after the next one, which are anywhere in the block.
+  void prefetch() const {
+    constexpr std::size_t kSoon = 4, kLater = 8;
+    if (at_ + kLater < near_.size()) {
+      for (const std::int32_t v : {near_[at_ + kLater].v, near_[at_ + kLater].t}) {
+        __builtin_prefetch(&mesh_.vertices[v]);
+        __builtin_prefetch(&mesh_.corners_by_vertex[mesh_.first_corner[v]]);
+      }
+    }
+    if (at_ + kSoon < near_.size()) {
+      for (const std::int32_t v : {near_[at_ + kSoon].v, near_[at_ + kSoon].t}) {
+        const auto around = mesh_.corners(v);
+        for (const std::uint32_t corner : around.first(std::min<std::size_t>(around.size(), 8))) {
+          __builtin_prefetch(&mesh_.faces[corner / 3]);
+        }
+      }
+    }
+  }
+
+  const FastMesh& mesh_;
+  const bool takes_any_;  ///< Also gives edges with an end that has collapsed.
+  const Bulk<PricedEdge>& candidates_;
+  std::size_t num_found_ = 0;            ///< Candidates that are or were in `near_`.
+  std::vector<EdgeInReach>& near_;       ///< The next candidates.
+  std::size_t at_ = 0;                   ///< The next one in `near_`.
+  std::vector<EdgeInReach>& postponed_;  ///< A heap with the cheapest one on top.
+};
+
 /// Collapses candidates from the cheapest one on, until the quota is reached or the rest has to
 /// wait.
 void FastPass::collapse_in_order(const Bulk<PricedEdge>& candidates, Worker& worker,
                                  std::int64_t quota, bool may_exceed) {
-  const bool is_in_order = is_small();
-  const float slack = is_in_order ? 1.0F : kLeap;
+  const float slack = is_in_order_ ? 1.0F : kLeap;
   worker.task.most = std::max(limit_, key_of(slack * std::bit_cast<float>(limit_)));
-  bool has_waiting = !is_in_order;
-  const auto wait = [&](const EdgeInReach& candidate) {
-    if (std::exchange(has_waiting, true)) return;
-    worker.task.most = std::min(limit_, key_of(kOvertakes * std::bit_cast<float>(candidate.key)));
-  };
-  std::vector<EdgeInReach>&near = worker.in_reach, &at_ends = worker.at_ends;
-  near.clear();
-  at_ends.clear();
-  const auto is_dearer = [](const EdgeInReach& a, const EdgeInReach& b) {
-    return std::tie(a.key, a.v, a.t) > std::tie(b.key, b.v, b.t);
-  };
-  std::size_t next = 0, i = 0;
+  CheapestFirst cheapest(*this, candidates, worker);
   while (worker.task.removed < quota) {
-    if (i == near.size() && next < candidates.size()) {
-      next = find_in_reach(candidates, next, near);
-      i = 0;
-      continue;
-    }
-    EdgeInReach candidate;  // NOLINT: filled below
-    const bool is_at_end =
-        !at_ends.empty() && (i == near.size() || at_ends.front().key < near[i].key);
-    if (is_at_end) {
-      std::pop_heap(at_ends.begin(), at_ends.end(), is_dearer);
-      candidate = at_ends.back();
-      at_ends.pop_back();
-    } else if (i < near.size()) {
-      prefetch(near, i);
-      candidate = near[i++];
-    } else {
-      break;
-    }
-    const auto [key, v, t] = candidate;
+    const std::optional<CheapestFirst::Next> next = cheapest.next();
+    if (!next) break;
+    const auto [key, v, t] = next->edge;
     if (mesh_.is_taken[v] != 0 || mesh_.is_taken[t] != 0) {
-      wait(candidate);
+      note_waiting(key, worker);
       continue;
     }
     if (is_hub(v) || is_hub(t)) continue;
-    if (is_in_order && key > worker.task.most && worker.task.collapses > 0) {
-      worker.leaves_expensive = true;
-      break;
-    }
-    if (is_in_order && key > piece_) {
-      worker.beyond_piece = key;
-      break;
-    }
-    if (key > worker.forbids && (is_in_order || !is_at_end)) {
-      worker.meets_forbidden = true;
-      break;
-    }
+    if (is_beyond(key, next->was_postponed, worker)) break;
     const std::int64_t left =
         may_exceed ? std::numeric_limits<std::int64_t>::max() : quota - worker.task.removed;
     worker.task.most_at_end = key;
     worker.task.end_price = kNoPrice;
-    if (const auto reason = collapser_.collapse(v, t, worker.task, left)) {
-      if (worker.task.end_price != kNoPrice) {
-        at_ends.push_back({worker.task.end_price, v, t});
-        std::push_heap(at_ends.begin(), at_ends.end(), is_dearer);
-        continue;
-      }
-      note_refusal(candidate, *reason, worker);
-      if (is_in_order && (is_beside_[v] != 0 || is_beside_[t] != 0)) wait(candidate);
-    } else if (mesh_.is_taken[v] != 0) {
-      worker.dearest = std::max(worker.dearest, key);
-      if (!is_in_order) continue;
-      for (const Fan* fan : {&worker.task.first, &worker.task.second}) {
-        for (const auto& [a, b] : fan->rest) is_beside_[a] = is_beside_[b] = 1;
-      }
+    const auto reason = collapser_.collapse(v, t, worker.task, left);
+    if (!reason) {
+      if (mesh_.is_taken[v] != 0) note_collapse(key, worker);
+    } else if (worker.task.end_price != kNoPrice) {
+      cheapest.postpone(next->edge, worker.task.end_price);
+    } else {
+      note_refusal(next->edge, *reason, worker);
     }
   }
 }
 
+/// Whether a candidate of this price, and with it all later ones, is left to other passes; notes
+/// the reason.
+bool FastPass::is_beyond(std::uint32_t key, bool was_postponed, Worker& worker) const {
+  if (is_in_order_ && key > worker.task.most && worker.task.collapses > 0) {
+    worker.leaves_expensive = true;
+    return true;
+  }
+  if (is_in_order_ && key > piece_) {
+    worker.beyond_piece = key;
+    return true;
+  }
+  if (key > worker.forbids && (is_in_order_ || !was_postponed)) {
+    worker.meets_forbidden = true;
+    return true;
+  }
+  return false;
+}
+
+/// In a small pass, lets no collapse overtake a waiting candidate at many times its price. Prices
+/// increase, so that the first waiting candidate decides.
+void FastPass::note_waiting(std::uint32_t key, Worker& worker) const {
+  if (!is_in_order_) return;
+  const std::uint32_t most = key_of(kOvertakes * std::bit_cast<float>(key));
+  worker.task.most = std::min(worker.task.most, most);
+}
+
+void FastPass::note_collapse(std::uint32_t key, Worker& worker) {
+  worker.dearest = std::max(worker.dearest, key);
+  if (!is_in_order_) return;
+  for (const Fan* fan : {&worker.task.first, &worker.task.second}) {
+    for (const auto& [a, b] : fan->rest) is_beside_[a] = is_beside_[b] = 1;
+  }
+}
+
 /// Counts a rejected collapse. One that breaks the link condition forbids candidates that are far
-/// more expensive.
+/// more expensive. In a small pass, one beside faces that have changed may be legal in the next.
 void FastPass::note_refusal(const EdgeInReach& candidate, Rejection reason, Worker& worker) {
   const auto [key, v, t] = candidate;
   ++worker.rejected[static_cast<std::size_t>(reason)];
@@ -350,48 +437,7 @@ void FastPass::note_refusal(const EdgeInReach& candidate, Rejection reason, Work
   }
   if (refusals_[v] < 0xFFFFU) ++refusals_[v];
   if (refusals_[t] < 0xFFFFU) ++refusals_[t];
-}
-
-/// Finds the next candidates, in order; in a large pass, only those whose ends have not collapsed
-/// yet. Avoids a branch for each. Returns the start of the rest.
-std::size_t FastPass::find_in_reach(const Bulk<PricedEdge>& candidates, std::size_t begin,
-                                    std::vector<EdgeInReach>& near) const {
-  constexpr std::size_t kAtOnce = 64;
-  const bool is_any = is_small();
-  near.resize(2 * kAtOnce);
-  std::size_t count = 0, end = begin;
-  while (count < kAtOnce && end < candidates.size()) {
-    const std::size_t next = std::min(candidates.size(), end + kAtOnce);
-    for (std::size_t i = next; i < std::min(candidates.size(), next + kAtOnce); ++i) {
-      __builtin_prefetch(&mesh_.faces[candidates[i].slot / 3]);
-    }
-    for (; end < next; ++end) {
-      const auto [v, t] = mesh_.edge_at(candidates[end].slot);
-      near[count] = {candidates[end].key, v, t};
-      count += static_cast<std::size_t>(is_any | ((mesh_.is_taken[v] | mesh_.is_taken[t]) == 0));
-    }
-  }
-  near.resize(count);
-  return end;
-}
-
-/// Prefetches the data of the next candidates, which are anywhere in the block.
-void FastPass::prefetch(const std::vector<EdgeInReach>& candidates, std::size_t i) const {
-  constexpr std::size_t kSoon = 4, kLater = 8;
-  if (i + kLater < candidates.size()) {
-    for (const std::int32_t v : {candidates[i + kLater].v, candidates[i + kLater].t}) {
-      __builtin_prefetch(&mesh_.vertices[v]);
-      __builtin_prefetch(&mesh_.corners_by_vertex[mesh_.first_corner[v]]);
-    }
-  }
-  if (i + kSoon < candidates.size()) {
-    for (const std::int32_t v : {candidates[i + kSoon].v, candidates[i + kSoon].t}) {
-      const auto around = mesh_.corners(v);
-      for (const std::uint32_t corner : around.first(std::min<std::size_t>(around.size(), 8))) {
-        __builtin_prefetch(&mesh_.faces[corner / 3]);
-      }
-    }
-  }
+  if (is_in_order_ && (is_beside_[v] != 0 || is_beside_[t] != 0)) note_waiting(key, worker);
 }
 
 /// Whether the edges of a vertex are skipped because it has very many faces: after some refused

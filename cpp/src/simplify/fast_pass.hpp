@@ -69,8 +69,7 @@ class FastPass {
     Bulk<PricedEdge> candidates;  // at first all edges of this block
     Bulk<PricedEdge> sorted;
     std::vector<EdgeInReach> in_reach;
-    // In a small pass: collapses whose best position was refused, at the price of an end of the
-    // edge; a heap with the cheapest on top.
+    // Collapses whose best position was refused, at the price of an end of the edge.
     std::vector<EdgeInReach> at_ends;
     // Edges of this block that touch others; they wait for the next level.
     Bulk<PricedEdge> waiting;
@@ -84,6 +83,8 @@ class FastPass {
     // From this price on, a collapse that the link condition refused is far cheaper.
     std::uint32_t forbids = kNoPrice;
   };
+
+  class CheapestFirst;
 
   template <typename Body>
   void for_each_worker(const Body& body) {
@@ -101,10 +102,10 @@ class FastPass {
   void share_out(std::int64_t needed, int level, bool is_top);
   void collapse_in_order(const Bulk<PricedEdge>& candidates, Worker& worker, std::int64_t quota,
                          bool may_exceed);
+  bool is_beyond(std::uint32_t key, bool was_postponed, Worker& worker) const;
+  void note_waiting(std::uint32_t key, Worker& worker) const;
+  void note_collapse(std::uint32_t key, Worker& worker);
   void note_refusal(const EdgeInReach& candidate, Rejection reason, Worker& worker);
-  std::size_t find_in_reach(const Bulk<PricedEdge>& candidates, std::size_t begin,
-                            std::vector<EdgeInReach>& near) const;
-  void prefetch(const std::vector<EdgeInReach>& candidates, std::size_t i) const;
   [[nodiscard]] bool is_hub(std::int32_t v) const;
   void end();
 
@@ -115,6 +116,7 @@ class FastPass {
   std::vector<std::uint32_t> histogram_;
   std::vector<std::uint16_t> refusals_;  // by vertex
   std::vector<std::uint8_t> is_beside_;  // in a small pass, of a vertex: its faces changed
+  bool is_in_order_ = false;             // is_small() at the beginning of the pass
   std::uint32_t limit_ = kMaxPrice;      // price of the candidates
   std::uint32_t visible_ = kNoPrice;
   std::uint32_t piece_ = kMaxPrice;  // from this price on, a whole piece is far cheaper
