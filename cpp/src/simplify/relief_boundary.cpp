@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdlib>
+#include <optional>
 #include <utility>
 
 #include "simplify/relief_collapse.hpp"
@@ -156,14 +157,106 @@ void BoundaryTiles::collect(const Surface& surface, const Triangulation& mesh) {
   }
 }
 
-bool BoundaryMover::meets_other(const Triangulation& mesh, std::int32_t v, std::int32_t first,
-                                std::int32_t last, const Pixel& to) const {
+/// A boundary vertex with its fan, and its steps to the pixels around it.
+class BoundaryMover::Vertex {
+ public:
+  using Gains = std::array<int, 9>;  ///< By step.
+
+  Vertex(const Surface& surface, const Triangulation& mesh, std::int32_t v,
+         const Triangulation::Fan& fan)
+      : surface_(surface),
+        mesh_(mesh),
+        fan_(fan),
+        v_(v),
+        first_(fan.neighbors[0]),
+        last_(fan.neighbors[fan.num_neighbors - 1]),
+        place_(place_of(mesh, v)) {}
+
+  [[nodiscard]] const Triangulation& mesh() const { return mesh_; }
+  [[nodiscard]] std::int32_t number() const { return v_; }
+  /// The other ends of the two boundary edges.
+  [[nodiscard]] std::int32_t first() const { return first_; }
+  [[nodiscard]] std::int32_t last() const { return last_; }
+  [[nodiscard]] std::int32_t pixel() const { return mesh_.vertex(v_).pixel; }
+
+  [[nodiscard]] PixelStep step(int i) const { return {i % 3 - 1, i / 3 - 1, surface_.cols()}; }
+  [[nodiscard]] PixelPlace place_after(const PixelStep& step) const {
+    return {place_[0] + step.du, place_[1] + step.dv};
+  }
+  [[nodiscard]] std::int32_t pixel_after(const PixelStep& step) const {
+    return pixel() + step.dv * surface_.cols() + step.du;
+  }
+
+  /// Whether a pixel of the boundary edges has several vertices. They belong to several fans, and a
+  /// move could cover the others unnoticed.
+  [[nodiscard]] bool shares_pixel() const {
+    return std::ranges::any_of(std::array{v_, first_, last_}, [this](std::int32_t v) {
+      return mesh_.num_at(mesh_.vertex(v).pixel) > 1;
+    });
+  }
+
+  /// The number of pixels that the mesh gains by each step; 0 for a step that leaves the surface or
+  /// flips a triangle. is_free() and meets_other(), which take longer, are left to the best steps.
+  [[nodiscard]] Gains gains() const {
+    const FanSides sides(mesh_, fan_, place_);
+    const PixelPlace to_first = place_of(mesh_, first_), to_last = place_of(mesh_, last_);
+    Gains gains{};
+    for (int i = 0; i < static_cast<int>(gains.size()); ++i) {
+      const PixelStep by = step(i);
+      const auto [u, v] = place_after(by);
+      if (u < 0 || v < 0 || u >= surface_.cols() || v >= surface_.rows()) continue;
+      const std::int32_t to = pixel_after(by);
+      if (to == pixel() || !surface_.is_used(to) || mesh_.num_at(to) > 0) continue;
+      if (!by.is_linked(surface_, to) || !sides.stay(by.du, by.dv)) continue;
+      gains[i] =
+          worth(surface_, place_, by, to_first, true) + worth(surface_, place_, by, to_last, false);
+    }
+    return gains;
+  }
+
+  /// Whether a step covers no other vertex.
+  [[nodiscard]] bool is_free(const PixelStep& step) const {
+    return is_free_beside(step, first_) && is_free_beside(step, last_);
+  }
+
+  /// The error around the vertex if it were at a pixel.
+  [[nodiscard]] float error_at(std::int32_t pixel) const {
+    std::array<float, Triangulation::kMaxFan> errors{};
+    return Refiner::error_at(surface_, mesh_, fan_, pixel, kInfinityF, errors);
+  }
+  /// The growth of the error at which a gain of pixels is not worth it.
+  [[nodiscard]] float price_of(int pixels) const {
+    return static_cast<float>(pixels) * price_of_pixel(mesh_, fan_, v_);
+  }
+
+ private:
+  [[nodiscard]] bool is_free_beside(const PixelStep& step, std::int32_t neighbor) const {
+    const PixelPlace end = place_of(mesh_, neighbor);
+    if ((end[0] - place_[0]) * step.dv == (end[1] - place_[1]) * step.du) return true;
+    const std::array own = {pixel(), mesh_.vertex(first_).pixel, mesh_.vertex(last_).pixel};
+    bool free = true;
+    visit_sliver(surface_.cols(), place_, {step.du, step.dv}, end, [&](std::int32_t p, bool, bool) {
+      free = free && (mesh_.num_at(p) == 0 || std::ranges::find(own, p) != own.end());
+    });
+    return free;
+  }
+
+  const Surface& surface_;
+  const Triangulation& mesh_;
+  const Triangulation::Fan& fan_;
+  std::int32_t v_, first_, last_;
+  PixelPlace place_;
+};
+
+bool BoundaryMover::meets_other(const Vertex& vertex, const PixelPlace& to) const {
+  const Triangulation& mesh = vertex.mesh();
+  const std::int32_t v = vertex.number(), first = vertex.first(), last = vertex.last();
   for (const std::int32_t end : {first, last}) {
-    const Pixel a = place_of(mesh, end);
+    const PixelPlace a = place_of(mesh, end);
     const auto meets = [&](std::int32_t p) {
       const std::int32_t q = mesh.first_neighbor(p);
       if (p == v || q == v) return false;
-      const Pixel at_p = place_of(mesh, p), at_q = place_of(mesh, q);
+      const PixelPlace at_p = place_of(mesh, p), at_q = place_of(mesh, q);
       if (are_apart(a, to, at_p, at_q)) return false;
       // The other side of a hole of three vertices.
       if ((p == first && q == last) || (p == last && q == first)) {
@@ -181,67 +274,36 @@ bool BoundaryMover::meets_other(const Triangulation& mesh, std::int32_t v, std::
   return false;
 }
 
+std::int32_t BoundaryMover::first_legal(const Vertex& vertex, std::array<int, 9> gains,
+                                        bool at_any_price) const {
+  std::optional<float> error;  // at the pixel of the vertex; computed when a step is compared
+  for (;;) {
+    const auto best = std::max_element(gains.begin(), gains.end());  // the first of equal ones
+    if (*best <= 0) return -1;
+    const int gain = std::exchange(*best, 0);
+    const PixelStep step = vertex.step(static_cast<int>(best - gains.begin()));
+    if (!vertex.is_free(step) || meets_other(vertex, vertex.place_after(step))) continue;
+    const std::int32_t pixel = vertex.pixel_after(step);
+    if (at_any_price) return pixel;
+    if (!error) error = vertex.error_at(vertex.pixel());
+    if (vertex.error_at(pixel) - *error < vertex.price_of(gain)) return pixel;
+  }
+}
+
 bool BoundaryMover::move(const Surface& surface, Triangulation& mesh, bool at_any_price,
                          std::int32_t v) {
   Triangulation::Fan fan;
   if (!mesh.fan(v, fan)) return false;
-  const std::int32_t first = fan.neighbors[0], last = fan.neighbors[fan.num_neighbors - 1];
-  // A pixel with several vertices belongs to several fans; a move could cover the others unnoticed.
-  for (const std::int32_t at : {v, first, last}) {
-    if (mesh.num_at(mesh.vertex(at).pixel) > 1) return false;
-  }
-  const std::int32_t cols = surface.cols();
-  const Pixel from = place_of(mesh, v), to_first = place_of(mesh, first),
-              to_last = place_of(mesh, last);
-  const FanSides sides(mesh, fan, from);
-  const std::int32_t at_v = mesh.vertex(v).pixel, at_first = mesh.vertex(first).pixel,
-                     at_last = mesh.vertex(last).pixel;
-  const auto is_free = [&](const PixelStep& step, const Pixel& end) {
-    if ((end[0] - from[0]) * step.dv == (end[1] - from[1]) * step.du) return true;
-    bool free = true;
-    visit_sliver(cols, from, {step.du, step.dv}, end, [&](std::int32_t p, bool, bool) {
-      free = free && (mesh.num_at(p) == 0 || p == at_v || p == at_first || p == at_last);
-    });
-    return free;
-  };
-  std::array<float, Triangulation::kMaxFan> errors{};
-  const auto error_at = [&](std::int32_t pixel) {
-    return Refiner::error_at(surface, mesh, fan, pixel, kInfinityF, errors);
-  };
-  float error = -1.0F;  // unknown
-  const auto is_worth = [&](std::int32_t pixel, int pixels) {
-    if (at_any_price) return true;
-    if (error < 0.0F) error = error_at(at_v);
-    return error_at(pixel) - error < static_cast<float>(pixels) * price_of_pixel(mesh, fan, v);
-  };
-  // The gain of each step. Whether a step is possible is tested only for the best ones.
-  std::array<int, 9> worths{};
-  for (int i = 0; i < 9; ++i) {
-    const PixelStep step(i % 3 - 1, i / 3 - 1, cols);
-    const Pixel to = {from[0] + step.du, from[1] + step.dv};
-    if (to[0] < 0 || to[1] < 0 || to[0] >= cols || to[1] >= surface.rows()) continue;
-    const std::int32_t pixel = at_v + step.dv * cols + step.du;
-    if (pixel == at_v || !surface.is_used(pixel) || mesh.num_at(pixel) > 0) continue;
-    if (!step.is_linked(surface, pixel) || !sides.stay(step.du, step.dv)) continue;
-    worths[i] =
-        worth(surface, from, step, to_first, true) + worth(surface, from, step, to_last, false);
-  }
-  is_settled_[v] = *std::max_element(worths.begin(), worths.end()) <= 0 ? 1 : 0;
-  for (;;) {
-    const auto best = std::max_element(worths.begin(), worths.end());  // the first of equal ones
-    if (*best <= 0) return false;
-    const int pixels = std::exchange(*best, 0);
-    const auto i = static_cast<int>(best - worths.begin());
-    const PixelStep step(i % 3 - 1, i / 3 - 1, cols);
-    const Pixel to = {from[0] + step.du, from[1] + step.dv};
-    const std::int32_t pixel = at_v + step.dv * cols + step.du;
-    if (!is_free(step, to_first) || !is_free(step, to_last)) continue;
-    if (meets_other(mesh, v, first, last, to) || !is_worth(pixel, pixels)) continue;
-    mesh.move(v, surface, pixel);
-    is_settled_[v] = 0;
-    for (int k = 0; k < fan.num_neighbors; ++k) is_settled_[fan.neighbors[k]] = 0;
-    return true;
-  }
+  const Vertex vertex(surface, mesh, v, fan);
+  if (vertex.shares_pixel()) return false;
+  const Vertex::Gains gains = vertex.gains();
+  is_settled_[v] = *std::max_element(gains.begin(), gains.end()) <= 0 ? 1 : 0;
+  const std::int32_t pixel = first_legal(vertex, gains, at_any_price);
+  if (pixel < 0) return false;
+  mesh.move(v, surface, pixel);
+  is_settled_[v] = 0;
+  for (int k = 0; k < fan.num_neighbors; ++k) is_settled_[fan.neighbors[k]] = 0;
+  return true;
 }
 
 void BoundaryMover::run(const Surface& surface, Triangulation& mesh, std::span<const Keep> keep,

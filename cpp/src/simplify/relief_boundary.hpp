@@ -77,10 +77,14 @@ class BoundaryMover {
            bool at_any_price, const Progress& progress);
 
  private:
-  using Pixel = std::array<std::int32_t, 2>;  ///< Column and row.
+  class Vertex;
   bool move(const Surface& surface, Triangulation& mesh, bool at_any_price, std::int32_t v);
-  [[nodiscard]] bool meets_other(const Triangulation& mesh, std::int32_t v, std::int32_t first,
-                                 std::int32_t last, const Pixel& to) const;
+  /// @param gains  By step, the pixels that the mesh gains; 0: not possible.
+  /// @return  the pixel after the step with the most gain that is legal and worth it; -1: none.
+  [[nodiscard]] std::int32_t first_legal(const Vertex& vertex, std::array<int, 9> gains,
+                                         bool at_any_price) const;
+  /// Whether a boundary edge of the vertex would meet another one if the vertex moved.
+  [[nodiscard]] bool meets_other(const Vertex& vertex, const PixelPlace& to) const;
 
   /// By vertex: no move of it has a gain, until it or a neighbour moves.
   std::vector<std::uint8_t> is_settled_;

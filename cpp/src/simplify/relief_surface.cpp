@@ -152,6 +152,13 @@ MANIP3D_INLINE void store_areas(const Point4& a, const Point4& b, const Point4& 
   areas.store(u, has(kFirst) ? one : all_of(0.0F), has(kSecond) ? other : all_of(0.0F), turned);
 }
 
+/// The bits of a cell's corners that are measured, given those of its left side. Masks of 0 and 255
+/// are common; any byte but 0 marks a measurement.
+MANIP3D_INLINE unsigned valid_corners(const std::uint8_t* above, const std::uint8_t* below) {
+  const auto bit = [](std::uint8_t is_valid) { return is_valid != 0 ? 1U : 0U; };
+  return bit(above[0]) | bit(above[1]) << 1U | bit(below[1]) << 2U | bit(below[0]) << 3U;
+}
+
 constexpr std::uint32_t kFourOnes = 0x01010101U;
 
 /// For each number of four bits: four bytes, each of which is 1 if its bit is set.
@@ -216,6 +223,14 @@ class RowBuilder {
   /// One bit per lane: do the depths of the cell's four corners span a step?
   [[nodiscard]] unsigned stepped(const Point4& a, const Point4& b, const Point4& c,
                                  const Point4& d) const;
+  /// Leaves out the triangles of a cell that span a step, given the depths of its corners.
+  [[nodiscard]] std::uint8_t cut_at_steps(std::uint8_t cell, float za, float zb, float zc,
+                                          float zd) const {
+    const bool from_b = (cell & kCutFromBToC) != 0;
+    if (is_step(za, zb, from_b ? zc : zd)) cell &= static_cast<std::uint8_t>(~kFirst);
+    if (is_step(from_b ? zb : za, zd, zc)) cell &= static_cast<std::uint8_t>(~kSecond);
+    return (cell & kFull) == 0 ? 0 : cell;
+  }
   [[nodiscard]] bool is_step(float z1, float z2, float z3) const {
     const auto [low, high] = std::minmax({z1, z2, z3});
     const auto nearest = static_cast<float>(unit_ * low + center_.z());
@@ -334,20 +349,13 @@ MANIP3D_INLINE int RowBuilder::cut(const CoordinateRow& row_above, const std::ui
       Int4 four{};
       for (std::ptrdiff_t i = 0; i < std::min<std::ptrdiff_t>(4, size - u); ++i) {
         const std::ptrdiff_t k = u + i;
-        // Masks of 0 and 255 are common; any byte but 0 marks a measurement.
-        const auto bit = [](std::uint8_t is_valid) { return is_valid != 0 ? 1U : 0U; };
-        const unsigned valid = bit(valid_above[k]) | bit(valid_above[k + 1]) << 1U |
-                               bit(valid_below[k + 1]) << 2U | bit(valid_below[k]) << 3U;
+        const unsigned valid = valid_corners(valid_above + k, valid_below + k);
         const unsigned bits = valid | (turns >> i & 1U) * kTurned | static_cast<unsigned>(near[i]);
         std::uint8_t cell = cell_by_bits[bits];
         // A full cell that spans no step has none in its triangles either.
-        if (has_steps && cell != 0 && !((cell & kFull) == kFull && (steps >> i & 1U) == 0)) {
-          const bool from_b = (cell & kCutFromBToC) != 0;
-          const float za = a.z[i], zb = b.z[i], zc = c.z[i], zd = d.z[i];
-          if (own.is_step(za, zb, from_b ? zc : zd)) cell &= static_cast<std::uint8_t>(~kFirst);
-          if (own.is_step(from_b ? zb : za, zd, zc)) cell &= static_cast<std::uint8_t>(~kSecond);
-          if ((cell & kFull) == 0) cell = 0;
-        }
+        const bool may_have_step = (cell & kFull) != kFull || (steps >> i & 1U) != 0;
+        if (has_steps && cell != 0 && may_have_step)
+          cell = own.cut_at_steps(cell, a.z[i], b.z[i], c.z[i], d.z[i]);
         cells[k] = cell;
         four[i] = cell;
         num_faces += (cell & 1) + (cell >> 1 & 1);
