@@ -33,16 +33,15 @@ using relief_detail::Triangulation;
 using relief_detail::Vec3;
 
 // "Pixels per vertex" below are the used pixels of the surface (those that a dense triangle uses)
-// divided by the vertices of the target.
+// divided by the vertices of the target. The trials that led to these values are in
+// benchmarks/results/depth.md, "Constants of relief".
 
-/// From this many pixels per vertex on, the first triangulation needs inner vertices at every
-/// second pixel only (Budget::finest): at 1 % of the points three of four images and scans gave the
-/// same result, and the fourth 1.01 times the error.
+/// From this many pixels per vertex on, inner vertices of the first triangulation at every second
+/// pixel (Budget::finest) are enough.
 constexpr std::int64_t kSparse = 32;
 
-/// From this many pixels per vertex on, a mesh cannot follow a contour to the pixel. A higher price
-/// of false surface (Budget::sparse_false) then only costs error: at 0.5 % of the points up to 1.43
-/// instead of 1.40 times that of an edge collapse, at 0.1 % up to 1.44 instead of 1.24 times.
+/// From this many pixels per vertex on, a mesh cannot follow a contour to the pixel, and a higher
+/// price of false surface (Budget::sparse_false) only costs error.
 constexpr std::int64_t kCoarse = 128;
 
 /// Below this many used pixels, and from this many pixels per vertex on, kLive has time to remove
@@ -54,45 +53,34 @@ constexpr std::int64_t kFewBridges = 64;
 /// pixels per vertex also need vertices inside the squares, which ContourBlocks leave out.
 constexpr std::int64_t kDense = 6;
 
-/// Price of false surface, relative to missing surface, where pixels are missing by chance. Of 0.3,
-/// 1, 2, 3 and 10, tried on a generated surface of which four random draws kept 30 % of the pixels,
-/// 2 and 3 cover most.
+/// Price of false surface, relative to missing surface, where pixels are missing by chance: there,
+/// little of it is false.
 constexpr float kChanceFalse = 3.0F;
 
 /// A mesh has much contour if it has more boundary vertices than kMuchContour times the target.
 /// The price of missing surface is then multiplied by kContourPrice, unless the mesh is sparse
-/// (kSparse). Of 1, 3, 4 and 6, tried on every second scan and recording of the data folder at 5 %
-/// of the points, 4 is the smallest with which 0.99 of each surface is covered; the error stays
-/// below 0.91 times that of an edge collapse.
+/// (kSparse), so that 0.99 of the surface is covered.
 constexpr double kMuchContour = 1.5;
 constexpr float kContourPrice = 4.0F;
 
-/// Rounds of VertexExchange for sparse meshes (kSparse). Of 1 and 4, tried on all scans and frames
-/// of the data folder at 1 % of the points, 1 leaves 0.86 of the missing surface and 4 leave 0.76.
+/// Rounds of VertexExchange for sparse meshes (kSparse); each covers some more of the surface.
 constexpr int kExchangeRounds = 4;
 
-/// A mesh that leaves out parts of the surface replaces another one if it covers more than this
-/// many times as much. The factor is above 1 because the mean distance counts parts that are left
-/// out most of all. It also decides on meshes with fewer vertices than allowed: of ten that covered
-/// more, the three beyond this factor had 0.66 to 1.01 times the error, the others up to 1.65
-/// times.
+/// A mesh that leaves out parts of the surface, or has fewer vertices than allowed, replaces
+/// another one if it covers more than this many times as much. The factor is above 1 because the
+/// mean distance counts parts that are left out most of all.
 constexpr double kWorthLeaving = 1.1;
 
 /// For targets of at most kFew vertices, the kFewTries next smaller ones of these sizes are tried
-/// as well. Of 756 targets on scans and frames of the data folder, 49 covered less than a smaller
-/// size by more than the factor kWorthLeaving; with three tries, 3 do.
+/// as well: with few vertices, a collapse may gain surface.
 constexpr int kFewTries = 3;
 constexpr std::array<std::int64_t, 15> kFewSizes = {3,  4,  5,  6,  7,  8,  10, 12,
                                                     14, 16, 20, 25, 30, 40, 50};
 
-/// For targets above kFew and up to kNearFew, meshes of kFew vertices are tried as well. Of 116
-/// targets on scans and frames of the data folder, 8 covered less than such a mesh by more than the
-/// factor kWorthLeaving, 7 with kLive.
+/// For targets above kFew and up to kNearFew, meshes of kFew vertices are tried as well.
 constexpr std::int64_t kNearFew = 2 * relief_detail::kFew;
 
 /// If a mesh of few vertices that kLive made covers less than this, that of kFast is tried as well.
-/// On 190 targets on scans and frames of the data folder this takes 1.7 times as long on average;
-/// smaller sizes as well (kFewTries) would take 3.2 times as long, and cover hardly more.
 constexpr double kFallenApart = 0.5;
 
 /// A connected piece of the surface is a speck if it has less than one in this many of the pixels.
@@ -107,18 +95,11 @@ constexpr double kMuchSpeck = 0.1;
 /// the rest of the surface would give its vertices first.
 constexpr double kManySpecks = 0.1;
 
-/// Amount of work of an effort in each stage. The values were chosen on the Stanford scans: each
-/// slower effort has a smaller error.
+/// Amount of work of an effort in each stage: each slower effort has a smaller error.
 struct Budget {
-  /// Bisections of the first triangulation per target vertex. Of 1, 2, 2.5 and 3 for kBalanced,
-  /// tried on six rendered shelves at 5 % of the points, 2.5 leaves at most 1.2 times the error of
-  /// an edge collapse, 2 and 1 leave up to 1.6 and 2.4 times.
-  double start = 0.0;
-  /// Least `start` of sparse meshes (kSparse). Of 0, 1, 2 and 3 for kLive, tried on two scenes
-  /// and two walls at 1 and 0.5 % of the points, 2 has 0.86 to 0.99 times the error of a
-  /// triangulation of every second pixel, 1 up to 1.08 times and 0 up to 1.49 times.
-  double sparse_start = 0.0;
-  int finest = 1;            ///< Pixels between inner vertices of a sparse first triangulation.
+  double start = 0.0;         ///< Bisections of the first triangulation per target vertex.
+  double sparse_start = 0.0;  ///< Least `start` of sparse meshes (kSparse).
+  int finest = 1;             ///< Pixels between inner vertices of a sparse first triangulation.
   float round_share = 0.3F;  ///< Largest share of the vertices that one round of collapses removes.
   int flip_sweeps = 3;
   float flip_floor =
@@ -129,27 +110,17 @@ struct Budget {
   int boundary_sweeps = 4;
   bool by_tile = false;    ///< The first triangulation is ordered tile by tile.
   bool by_blocks = false;  ///< ContourBlocks triangulate the ends of the surface.
-  /// Argument of Collapser::sweep(), which runs first; 0: it does not run. Of 0.4, 0.6 and 0.9,
-  /// tried on two scenes and a scan, 0.9 takes 0.4 to 0.7 of the time of collapses in order of
-  /// price, at no more error.
+  /// Argument of Collapser::sweep(), which runs first and saves time; 0: it does not run.
   float sweep_share = 0.0F;
   /// The bisections per target vertex are at least `dense_start` times (target vertices / used
   /// pixels): dense targets need more bisections, because collapses choose vertices better than
-  /// bisections and need some to choose from. Of 14, 16 and 20 for kFast, tried on two scenes, two
-  /// scans and a person, 14 is enough for 1.2 times the error of an edge collapse at 5, 10 and 20 %
-  /// of the points (1.3, 2.3 and 2.0 times with 0). With 18, kFast is nearer to the surface than
-  /// kLive on four of these five. Of 8, 11, 14, 16 and 18 for kLive, tried on three scenes and two
-  /// scans at 5 %, 16 is enough for 1.3 times.
+  /// bisections and need some to choose from.
   double dense_start = 0.0;
-  /// Collapser's factor on the price of missing surface below kSparse pixels per vertex; sparser
-  /// meshes use kMissingFactor. Of 12, 16 and 20 for kLive, tried on three scenes and two scans, 20
-  /// covers 0.001 to 0.002 more than 12 at 5 % of the points, at the same error. At 1 % it would
-  /// raise the error of scans seen from the side by up to a quarter.
+  /// Collapser's factor on the price of missing surface below kSparse pixels per vertex. Sparser
+  /// meshes use kMissingFactor: more would raise the error of scans seen from the side.
   float missing = kMissingFactor;
   /// Collapser's factor on the price of false surface between kSparse and kCoarse pixels per
-  /// vertex. Of 10 and 20 for kLive, tried on 56 scans and frames of the data folder at 1 % of the
-  /// points, 38 meshes have at most 0.1 % of bridges with 10 and 48 with 20, at 1.01 times the
-  /// error.
+  /// vertex; a higher one leaves fewer bridges.
   float sparse_false = relief_detail::kFalseFactor;
 };
 
