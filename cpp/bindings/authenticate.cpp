@@ -6,6 +6,7 @@
 #include <utility>
 #include <vector>
 
+#include "fields.hpp"
 #include "interruptible.hpp"
 #include "manip3d/authenticate/density.hpp"
 #include "manip3d/authenticate/occlusion.hpp"
@@ -18,27 +19,65 @@
 namespace manip3d::bindings {
 namespace {
 
-// azimuth step, elevation step, azimuth phase, elevation phase, azimuth strength, elevation
-// strength
-using Grid = std::tuple<double, double, double, double, double, double>;
+constexpr std::tuple kScanGrid{
+    Field{"azimuth_step", &ScanGrid::azimuth_step},
+    Field{"elevation_step", &ScanGrid::elevation_step},
+    Field{"azimuth_phase", &ScanGrid::azimuth_phase},
+    Field{"elevation_phase", &ScanGrid::elevation_phase},
+    Field{"azimuth_strength", &ScanGrid::azimuth_strength},
+    Field{"elevation_strength", &ScanGrid::elevation_strength},
+};
 
-Grid to_python(const ScanGrid& grid) {
-  return {grid.azimuth_step,    grid.elevation_step,   grid.azimuth_phase,
-          grid.elevation_phase, grid.azimuth_strength, grid.elevation_strength};
+constexpr std::tuple kScanOrigin{
+    Field{"found", &ScanOrigin::found},
+    Field{"axis", &ScanOrigin::axis},
+    Field{"azimuth_step", &ScanOrigin::azimuth_step},
+    Field{"elevation_step", &ScanOrigin::elevation_step},
+    Field{"azimuth_coherence", &ScanOrigin::azimuth_coherence},
+    Field{"elevation_coherence", &ScanOrigin::elevation_coherence},
+    Field{"explained", &ScanOrigin::explained},
+};
+
+constexpr std::tuple kOcclusionComponent{
+    Field{"cells", &OcclusionComponent::cells},
+    Field{"solid_angle", &OcclusionComponent::solid_angle},
+    Field{"range", &OcclusionComponent::range},
+    Field{"area", &OcclusionComponent::area},
+    Field{"first_row", &OcclusionComponent::first_row},
+    Field{"last_row", &OcclusionComponent::last_row},
+    Field{"first_column", &OcclusionComponent::first_column},
+    Field{"last_column", &OcclusionComponent::last_column},
+};
+
+constexpr std::tuple kOcclusionResult{
+    Field{"rows", &OcclusionResult::rows},
+    Field{"columns", &OcclusionResult::columns},
+    Field{"first_row", &OcclusionResult::first_row},
+    Field{"mask", &OcclusionResult::mask},
+    Field{"raw_mask", &OcclusionResult::raw_mask},
+    Field{"occupied_cells", &OcclusionResult::occupied_cells},
+    Field{"multiple_cells", &OcclusionResult::multiple_cells},
+    Field{"suspected", &OcclusionResult::suspected},
+    Field{"suspected_component", &OcclusionResult::suspected_component},
+};
+
+Fields to_fields(const ScanOrigin& origin) {
+  Fields fields = to_fields(ScanOrigin(origin), kScanOrigin);
+  fields["position"] =
+      py::make_tuple(origin.position.x(), origin.position.y(), origin.position.z());
+  return fields;
 }
 
-ScanGrid to_grid(const Grid& grid) {
-  return {std::get<0>(grid), std::get<1>(grid), std::get<2>(grid),
-          std::get<3>(grid), std::get<4>(grid), std::get<5>(grid)};
-}
-
-/// Cells, solid angle, range, area, first and last row, first and last column, box.
-using OcclusionTuple = py::typing::Tuple<std::int64_t, double, double, double, std::int64_t,
-                                         std::int64_t, std::int64_t, std::int64_t, BoxTuple>;
-
-OcclusionTuple to_python(const OcclusionComponent& c) {
-  return py::make_tuple(c.cells, c.solid_angle, c.range, c.area, c.first_row, c.last_row,
-                        c.first_column, c.last_column, box_to_python(c.box));
+Fields to_fields(OcclusionResult&& result) {
+  py::list components;
+  for (const OcclusionComponent& each : result.components) {
+    Fields component = to_fields(OcclusionComponent(each), kOcclusionComponent);
+    component["box"] = box_to_python(each.box);
+    components.append(component);
+  }
+  Fields fields = to_fields(std::move(result), kOcclusionResult);
+  fields["components"] = components;
+  return fields;
 }
 
 DensityOptions density_options(const Eigen::Vector3d& origin, std::int64_t sector,
@@ -50,12 +89,15 @@ DensityOptions density_options(const Eigen::Vector3d& origin, std::int64_t secto
 }  // namespace
 
 void bind_authenticate(py::module_& m) {
+  py::class_<ScanGrid> scan_grid(m, "ScanGrid");
+  scan_grid.def(py::init<>());
+  bind_fields(scan_grid, kScanGrid);
   m.def(
       "estimate_scan_grid",
       [](const CArray<float>& points, const Eigen::Vector3d& origin, int threads) {
         const PointsView view = points_view(points, {});
         const py::gil_scoped_release nogil;
-        return to_python(estimate_scan_grid(view, origin, threads, interruptible()));
+        return estimate_scan_grid(view, origin, threads, interruptible());
       },
       py::arg("points").noconvert(), py::arg("origin"), py::arg("threads"));
   m.def(
@@ -69,15 +111,13 @@ void bind_authenticate(py::module_& m) {
           const py::gil_scoped_release nogil;
           r = estimate_scan_origin(view, {known, tries_zero, threads}, report);
         }
-        return std::make_tuple(r.found, std::tuple(r.position.x(), r.position.y(), r.position.z()),
-                               r.axis, r.azimuth_step, r.elevation_step, r.azimuth_coherence,
-                               r.elevation_coherence, r.explained);
+        return to_fields(r);
       },
       py::arg("points").noconvert(), py::arg("known"), py::arg("tries_zero"), py::arg("threads"),
       py::arg("progress"));
   m.def(
       "occlusion_consistency",
-      [](const CArray<float>& points, const Eigen::Vector3d& origin, const Grid& grid,
+      [](const CArray<float>& points, const Eigen::Vector3d& origin, const ScanGrid& grid,
          double min_gap, bool accumulate, std::int64_t min_cells, double min_area, double max_range,
          int threads) {
         const PointsView view = points_view(points, {});
@@ -85,16 +125,10 @@ void bind_authenticate(py::module_& m) {
         {
           const py::gil_scoped_release nogil;
           r = occlusion_consistency(
-              view,
-              {origin, to_grid(grid), min_gap, accumulate, min_cells, min_area, max_range, threads},
+              view, {origin, grid, min_gap, accumulate, min_cells, min_area, max_range, threads},
               interruptible());
         }
-        py::typing::List<OcclusionTuple> components;
-        for (const OcclusionComponent& c : r.components) components.append(to_python(c));
-        return py::make_tuple(r.rows, r.columns, r.first_row, to_numpy(std::move(r.mask)),
-                              to_numpy(std::move(r.raw_mask)), r.occupied_cells, r.multiple_cells,
-                              components, to_numpy(std::move(r.suspected)),
-                              to_numpy(std::move(r.suspected_component)));
+        return to_fields(std::move(r));
       },
       py::arg("points").noconvert(), py::arg("origin"), py::arg("grid"), py::arg("min_gap"),
       py::arg("accumulate"), py::arg("min_cells"), py::arg("min_area"), py::arg("max_range"),

@@ -48,12 +48,33 @@ constexpr std::tuple kCrossModalResult{
     Field{"judged_points", &CrossModalResult::judged_points},
 };
 
-using XyzArray = std::array<double, 3>;
-using CrossModalTuple =
-    py::typing::Tuple<bool, std::int64_t, std::int64_t, std::int64_t, std::int64_t, double, double,
-                      double, double, XyzArray, XyzArray, XyzArray>;
+constexpr std::tuple kCrossModalComponent{
+    Field{"added", &CrossModalComponent::added},
+    Field{"cells", &CrossModalComponent::cells},
+    Field{"empty", &CrossModalComponent::empty},
+    Field{"dark", &CrossModalComponent::dark},
+    Field{"behind", &CrossModalComponent::behind},
+    Field{"solid_angle", &CrossModalComponent::solid_angle},
+    Field{"area", &CrossModalComponent::area},
+    Field{"evidence", &CrossModalComponent::evidence},
+    Field{"difference", &CrossModalComponent::difference},
+};
 
-XyzArray to_array(const Eigen::Vector3d& v) { return {v.x(), v.y(), v.z()}; }
+py::tuple to_tuple(const Eigen::Vector3d& v) { return py::make_tuple(v.x(), v.y(), v.z()); }
+
+Fields to_fields(CrossModalResult&& result) {
+  py::list components;
+  for (const CrossModalComponent& each : result.components) {
+    Fields component = to_fields(CrossModalComponent(each), kCrossModalComponent);
+    component["lower"] = to_tuple(each.lower);
+    component["upper"] = to_tuple(each.upper);
+    component["center"] = to_tuple(each.center);
+    components.append(component);
+  }
+  Fields fields = to_fields(std::move(result), kCrossModalResult);
+  fields["components"] = components;
+  return fields;
+}
 
 }  // namespace
 
@@ -82,13 +103,7 @@ void bind_cross_modal(py::module_& m) {
           const py::gil_scoped_release nogil;
           result = compare_cross_modal(view, image, left, options, interruptible());
         }
-        py::typing::List<CrossModalTuple> components;
-        for (const CrossModalComponent& c : result.components) {
-          components.append(py::make_tuple(
-              c.added, c.cells, c.empty, c.dark, c.behind, c.solid_angle, c.area, c.evidence,
-              c.difference, to_array(c.lower), to_array(c.upper), to_array(c.center)));
-        }
-        return py::make_tuple(to_fields(std::move(result), kCrossModalResult), components);
+        return to_fields(std::move(result));
       },
       py::arg("points").noconvert(), py::arg("disparity").noconvert(), py::arg("camera"),
       py::arg("lidar_from_camera"), py::arg("options"), py::arg("grey").noconvert() = py::none());

@@ -74,6 +74,7 @@ __all__: list[str] = [
     "ReposeOptions",
     "RgbdRecorder",
     "RgbdSource",
+    "ScanGrid",
     "ShoeCoverTracker",
     "SilhouetteOptions",
     "Skinning",
@@ -700,6 +701,35 @@ class VelodyneUdpSource:
     def start(self) -> None: ...
     def stop(self) -> None: ...
 
+class ScanGrid:
+    def __getstate__(self) -> tuple[float, float, float, float, float, float]: ...
+    def __init__(self) -> None: ...
+    def __setstate__(self, arg0: tuple[object, ...]) -> None: ...
+    @property
+    def azimuth_phase(self) -> float: ...
+    @azimuth_phase.setter
+    def azimuth_phase(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
+    @property
+    def azimuth_step(self) -> float: ...
+    @azimuth_step.setter
+    def azimuth_step(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
+    @property
+    def azimuth_strength(self) -> float: ...
+    @azimuth_strength.setter
+    def azimuth_strength(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
+    @property
+    def elevation_phase(self) -> float: ...
+    @elevation_phase.setter
+    def elevation_phase(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
+    @property
+    def elevation_step(self) -> float: ...
+    @elevation_step.setter
+    def elevation_step(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
+    @property
+    def elevation_strength(self) -> float: ...
+    @elevation_strength.setter
+    def elevation_strength(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
+
 class Limb(enum.Enum):
     LEFT_ARM = 0
     RIGHT_ARM = 1
@@ -1239,25 +1269,7 @@ def compare_cross_modal(
     lidar_from_camera: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[4, 4]"],
     options: CrossModalOptions,
     grey: numpy.typing.NDArray[numpy.uint8] | None = None,
-) -> tuple[
-    dict[str, typing.Any],
-    list[
-        tuple[
-            bool,
-            int,
-            int,
-            int,
-            int,
-            float,
-            float,
-            float,
-            float,
-            typing.Annotated[list[float], "FixedSize(3)"],
-            typing.Annotated[list[float], "FixedSize(3)"],
-            typing.Annotated[list[float], "FixedSize(3)"],
-        ]
-    ],
-]: ...
+) -> dict[str, typing.Any]: ...
 def compare_paper_watermark(
     points: numpy.typing.NDArray[numpy.float32],
     intensity: numpy.typing.NDArray[numpy.float32],
@@ -1418,14 +1430,14 @@ def estimate_scan_grid(
     points: numpy.typing.NDArray[numpy.float32],
     origin: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[3, 1]"],
     threads: typing.SupportsInt | typing.SupportsIndex,
-) -> tuple[float, float, float, float, float, float]: ...
+) -> ScanGrid: ...
 def estimate_scan_origin(
     points: numpy.typing.NDArray[numpy.float32],
     known: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[3, 1]"] | None,
     tries_zero: bool,
     threads: typing.SupportsInt | typing.SupportsIndex,
     progress: collections.abc.Callable[[float], object] | None,
-) -> tuple[bool, tuple[float, float, float], int, float, float, float, float, float]: ...
+) -> dict[str, typing.Any]: ...
 def faces_across_steps(
     image: numpy.typing.NDArray[numpy.float32],
     pixels: numpy.typing.NDArray[numpy.int32],
@@ -1576,34 +1588,14 @@ def nearest_distances(
 def occlusion_consistency(
     points: numpy.typing.NDArray[numpy.float32],
     origin: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[3, 1]"],
-    grid: tuple[
-        typing.SupportsFloat | typing.SupportsIndex,
-        typing.SupportsFloat | typing.SupportsIndex,
-        typing.SupportsFloat | typing.SupportsIndex,
-        typing.SupportsFloat | typing.SupportsIndex,
-        typing.SupportsFloat | typing.SupportsIndex,
-        typing.SupportsFloat | typing.SupportsIndex,
-    ],
+    grid: ScanGrid,
     min_gap: typing.SupportsFloat | typing.SupportsIndex,
     accumulate: bool,
     min_cells: typing.SupportsInt | typing.SupportsIndex,
     min_area: typing.SupportsFloat | typing.SupportsIndex,
     max_range: typing.SupportsFloat | typing.SupportsIndex,
     threads: typing.SupportsInt | typing.SupportsIndex,
-) -> tuple[
-    int,
-    int,
-    int,
-    numpy.ndarray,
-    numpy.ndarray,
-    int,
-    int,
-    list[
-        tuple[int, float, float, float, int, int, int, int, tuple[list[float], list[float], float]]
-    ],
-    numpy.ndarray,
-    numpy.ndarray,
-]: ...
+) -> dict[str, typing.Any]: ...
 def open_recorder(
     path: bytes,
     calibration: manip3d.rgbd.RgbdCalibration | None,

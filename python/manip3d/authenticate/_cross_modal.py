@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from typing import TYPE_CHECKING, Any
 
@@ -450,7 +450,7 @@ def cross_modal_consistency(
     chosen = CrossModalParameters() if parameters is None else parameters
     heading = _to_five_degrees(rig.heading_deg) if chosen.heading is None else chosen.heading
     in_pixels_of_map = replace(chosen, tolerance=chosen.tolerance / disparity.step, heading=heading)
-    found, components = _core.compare_cross_modal(
+    found = _core.compare_cross_modal(
         scene.points,
         disparity.values,
         disparity.camera(rig),
@@ -467,7 +467,7 @@ def cross_modal_consistency(
         suspected, component = suspected[:0], component[:0]
     regions = tuple(
         _region(values, chosen, disparity.step, heading, suspected[component == number])
-        for number, values in enumerate(components)
+        for number, values in enumerate(found["components"])
     )
     points = found["judged_points"] / max(len(scene.points), 1)
     verdict: Verdict = "no_trace"
@@ -578,48 +578,29 @@ def _overlap(a: tuple[float, float], b: tuple[float, float]) -> bool:
 
 
 def _region(
-    values: tuple[Any, ...],
+    values: Mapping[str, Any],
     parameters: CrossModalParameters,
     step: int,
     heading: float,
     rows: NDArray[np.int32],
 ) -> CrossModalRegion:
     """Return a region of the kernel's answer, whose score is its evidence per least evidence."""
-    (
-        added,
-        cells,
-        empty,
-        dark,
-        behind,
-        solid_angle,
-        area,
-        evidence,
-        difference,
-        lower,
-        upper,
-        center,
-    ) = values
-    least = parameters.min_added_area if added else parameters.min_missing_area
-    x, y, z = center
-    length, width, height = (b - a for a, b in zip(lower, upper, strict=True))
+    kind = "added" if values["added"] else "missing"
+    least = parameters.min_added_area if values["added"] else parameters.min_missing_area
+    length, width, height = (b - a for a, b in zip(values["lower"], values["upper"], strict=True))
     return CrossModalRegion(
-        kind="added" if added else "missing",
-        cells=cells,
-        empty=empty,
-        solid_angle=solid_angle,
-        area=area,
-        difference=difference * step,
-        box=Box(
-            (x, y, z),
-            (length, width, height),
-            math.radians(heading),
-            "added" if added else "missing",
-        ),
-        score=evidence / least if least > 0.0 else math.inf,
-        dark=dark,
-        evidence=evidence,
+        kind=kind,
+        cells=values["cells"],
+        empty=values["empty"],
+        solid_angle=values["solid_angle"],
+        area=values["area"],
+        difference=values["difference"] * step,
+        box=Box(values["center"], (length, width, height), math.radians(heading), kind),
+        score=values["evidence"] / least if least > 0.0 else math.inf,
+        dark=values["dark"],
+        evidence=values["evidence"],
         rows=rows.astype(np.int64),
-        behind=behind,
+        behind=values["behind"],
     )
 
 

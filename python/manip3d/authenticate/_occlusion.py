@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
@@ -268,16 +269,14 @@ def estimate_grid(
     (2.0, 2.0)
     """
     scene = to_scan(scan)
-    across, up, first, lowest, sharp_across, sharp_up = _core.estimate_scan_grid(
-        scene.points, origin_of(origin, scene), threads_of(threads)
-    )
+    grid = _core.estimate_scan_grid(scene.points, origin_of(origin, scene), threads_of(threads))
     return AngularGrid(
-        math.degrees(across),
-        math.degrees(up),
-        math.degrees(first),
-        math.degrees(lowest),
-        sharp_across,
-        sharp_up,
+        azimuth_deg=math.degrees(grid.azimuth_step),
+        elevation_deg=math.degrees(grid.elevation_step),
+        azimuth_phase_deg=math.degrees(grid.azimuth_phase),
+        elevation_phase_deg=math.degrees(grid.elevation_phase),
+        azimuth_strength=grid.azimuth_strength,
+        elevation_strength=grid.elevation_strength,
     )
 
 
@@ -357,52 +356,42 @@ def occlusion_consistency(
     calibration = None
     if parameters is None:
         parameters, calibration = _parameters_for(grid)
-    rows, columns, first, mask, raw, occupied, multiple, found, suspected, component = (
-        _core.occlusion_consistency(
-            points,
-            place,
-            _radians(grid),
-            parameters.min_gap,
-            parameters.accumulate,
-            parameters.min_cells,
-            0.0,
-            min(parameters.max_range, 1e9),
-            threads_of(threads),
-        )
+    found = _core.occlusion_consistency(
+        points=points,
+        origin=place,
+        grid=_core_grid(grid),
+        min_gap=parameters.min_gap,
+        accumulate=parameters.accumulate,
+        min_cells=parameters.min_cells,
+        min_area=0.0,
+        max_range=min(parameters.max_range, 1e9),
+        threads=threads_of(threads),
     )
-    if judged is not None:
-        suspected = judged[suspected].astype(np.int32)
-    every = tuple(
-        _region(values, first, suspected[component == number].astype(np.int64))
-        for number, values in enumerate(found)
-    )
+    every = _regions_of(found, judged)
     regions = tuple(region for region in every if region.area >= parameters.min_area)
-    suspected = suspected[component < len(regions)]  # regions are sorted by area
-    share = multiple / max(occupied, 1)
     echoes = 0
     if regions and is_first is None and grid.elevation_strength > 0.0 and not parameters.accumulate:
         explained = are_echoes(points, place, grid, [region.rows for region in regions])
         echoes = sum(explained)
-        suspected = np.setdiff1d(
-            suspected, [row for at in np.flatnonzero(explained) for row in regions[at].rows]
-        ).astype(np.int32)
         regions = tuple(
             each for each, is_echo in zip(regions, explained, strict=True) if not is_echo
         )
-    verdict, reason = _judged(len(regions), occupied, share, parameters)
+    share = found["multiple_cells"] / max(found["occupied_cells"], 1)
+    verdict, reason = _judged(len(regions), found["occupied_cells"], share, parameters)
     if echoes and verdict == "no_trace":
         verdict, reason = "undecidable", UNNUMBERED
+    shape = (found["rows"], found["columns"])
     return OcclusionResult(
         verdict=verdict,
         reason=reason,
-        mask=mask.reshape(rows, columns),
-        raw_mask=raw.reshape(rows, columns),
+        mask=found["mask"].reshape(shape),
+        raw_mask=found["raw_mask"].reshape(shape),
         regions=regions,
-        suspected=suspected if verdict == "tampered" else np.empty(0, np.int32),
+        suspected=_rows_of(regions if verdict == "tampered" else ()),
         multiple=share,
         score=_score(every, parameters),
         grid=grid,
-        lowest_deg=_lowest(grid) + first * grid.elevation_deg,
+        lowest_deg=_lowest(grid) + found["first_row"] * grid.elevation_deg,
         parameters=parameters,
         calibration=calibration,
         scan=placed(scene, np.asarray(place, np.float64)),
@@ -478,31 +467,55 @@ def _lowest(grid: AngularGrid) -> float:
     return -90.0 + (border if border <= 0.0 else border - 1.0) * grid.elevation_deg
 
 
-def _radians(grid: AngularGrid) -> tuple[float, float, float, float, float, float]:
-    return (
-        math.radians(grid.azimuth_deg),
-        math.radians(grid.elevation_deg),
-        math.radians(grid.azimuth_phase_deg),
-        math.radians(grid.elevation_phase_deg),
-        grid.azimuth_strength,
-        grid.elevation_strength,
+def _core_grid(grid: AngularGrid) -> _core.ScanGrid:
+    """Return the grid for the core."""
+    result = _core.ScanGrid()
+    result.azimuth_step = math.radians(grid.azimuth_deg)
+    result.elevation_step = math.radians(grid.elevation_deg)
+    result.azimuth_phase = math.radians(grid.azimuth_phase_deg)
+    result.elevation_phase = math.radians(grid.elevation_phase_deg)
+    result.azimuth_strength = grid.azimuth_strength
+    result.elevation_strength = grid.elevation_strength
+    return result
+
+
+def _regions_of(
+    found: Mapping[str, Any], judged: NDArray[np.int64] | None
+) -> tuple[OcclusionRegion, ...]:
+    """Return all regions that the core found, the largest area first.
+
+    ``judged`` are the rows of the scan that the core was given; None: all.
+    """
+    rows = found["suspected"].astype(np.int64)
+    if judged is not None:
+        rows = judged[rows]
+    return tuple(
+        _region(values, found["first_row"], rows[found["suspected_component"] == number])
+        for number, values in enumerate(found["components"])
     )
 
 
-def _region(values: tuple[Any, ...], first: int, members: NDArray[np.int64]) -> OcclusionRegion:
-    """Region from values of the core; the mask's row 0 is row ``first`` of the core's grid."""
-    cells, solid_angle, distance, area, row0, row1, column0, column1, box = values
-    center, size, yaw = box
+def _region(
+    values: Mapping[str, Any], first_row: int, members: NDArray[np.int64]
+) -> OcclusionRegion:
+    """Return a region; the mask's row 0 is row ``first_row`` of the core's grid."""
+    center, size, yaw = values["box"]
     return OcclusionRegion(
-        cells,
-        solid_angle,
-        distance,
-        area,
-        (row0 - first, row1 - first),
-        (column0, column1),
-        Box(tuple(center), tuple(size), yaw),
-        members,
+        cells=values["cells"],
+        solid_angle=values["solid_angle"],
+        range=values["range"],
+        area=values["area"],
+        mask_rows=(values["first_row"] - first_row, values["last_row"] - first_row),
+        mask_columns=(values["first_column"], values["last_column"]),
+        box=Box(tuple(center), tuple(size), yaw),
+        rows=members,
     )
+
+
+def _rows_of(regions: Sequence[OcclusionRegion]) -> NDArray[np.int32]:
+    """Return the rows of the regions' points, ascending; each point is in one region."""
+    rows = [np.empty(0, np.int64), *(region.rows for region in regions)]
+    return np.sort(np.concatenate(rows)).astype(np.int32)
 
 
 def _score(regions: tuple[OcclusionRegion, ...], parameters: OcclusionParameters) -> float:

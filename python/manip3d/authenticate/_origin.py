@@ -119,9 +119,8 @@ def estimate_origin(
     # If coordinates of a map were moved near 0, the scanner is not at 0.
     is_own = around is None and not is_on_map(scene.frame)
     with reporting(progress, "origin") as report:
-        found, position, axis, across, up, columns, rows, explained = _core.estimate_scan_origin(
-            scene.points, around, is_own, threads_of(threads), report
-        )
+        grid = _core.estimate_scan_origin(scene.points, around, is_own, threads_of(threads), report)
+        found, position, explained = grid["found"], grid["position"], grid["explained"]
         reason = "the angular grid"
         fused = found and explained < MIN_EXPLAINED
         if is_own and (fused or not found) and _stands_on_lattice(scene, threads):
@@ -137,11 +136,11 @@ def estimate_origin(
             report(1.0)  # the search may end before it reports 1
     return OriginEstimate(
         position if found else None,
-        "xyz"[axis],
-        math.degrees(across),
-        math.degrees(up),
-        columns,
-        rows,
+        "xyz"[grid["axis"]],
+        math.degrees(grid["azimuth_step"]),
+        math.degrees(grid["elevation_step"]),
+        grid["azimuth_coherence"],
+        grid["elevation_coherence"],
         explained,
         reason,
     )
