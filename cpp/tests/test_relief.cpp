@@ -16,10 +16,10 @@
 #include "manip3d/error.hpp"
 #include "manip3d/geometry/grid_mesh.hpp"
 #include "manip3d/simplify/relief.hpp"
-#include "simplify/relief_coverage.hpp"
-#include "simplify/relief_raster.hpp"
-#include "simplify/relief_start.hpp"
-#include "simplify/relief_surface.hpp"
+#include "simplify/relief/coverage.hpp"
+#include "simplify/relief/raster.hpp"
+#include "simplify/relief/start.hpp"
+#include "simplify/relief/surface.hpp"
 
 namespace manip3d {
 namespace {

@@ -10,7 +10,7 @@
 #include "geometry/wide_vectors.hpp"
 #include "manip3d/error.hpp"
 #include "manip3d/geometry/depth_step.hpp"
-#include "simplify/relief_raster.hpp"
+#include "simplify/relief/raster.hpp"
 
 namespace manip3d {
 namespace {

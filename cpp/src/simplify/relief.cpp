@@ -7,17 +7,27 @@
 #include <utility>
 
 #include "manip3d/error.hpp"
-#include "simplify/relief_boundary.hpp"
-#include "simplify/relief_collapse.hpp"
-#include "simplify/relief_coverage.hpp"
-#include "simplify/relief_exchange.hpp"
-#include "simplify/relief_pinholes.hpp"
-#include "simplify/relief_refine.hpp"
-#include "simplify/relief_start.hpp"
-#include "simplify/relief_surface.hpp"
-#include "simplify/relief_triangulation.hpp"
-#include "simplify/relief_unsure.hpp"
-#include "simplify/relief_writer.hpp"
+#include "simplify/relief/boundary.hpp"
+#include "simplify/relief/collapse.hpp"
+#include "simplify/relief/coverage.hpp"
+#include "simplify/relief/exchange.hpp"
+#include "simplify/relief/pinholes.hpp"
+#include "simplify/relief/refine.hpp"
+#include "simplify/relief/start.hpp"
+#include "simplify/relief/surface.hpp"
+#include "simplify/relief/triangulation.hpp"
+#include "simplify/relief/unsure.hpp"
+#include "simplify/relief/writer.hpp"
+
+// This file runs the steps that Relief describes; each is made of the files of relief/:
+//   dense surface            surface: cells and steps; links: neighbours; coverage by a mesh
+//   0. pinholes              pinholes; unsure: pieces and pixels without confidence
+//   1. first triangulation   start: bisection; blocks: contours of kLive
+//   2. simplification        collapse; boundary: moves to the ends of the surface; few: a few faces
+//   3. refinement            refine: flips and moves; exchange: merged and added vertices; bridges
+//   4. move_points           refine: fit()
+//   5. levels                writer: one order of the vertices of all meshes
+// All work on a triangulation over pixels, whose triangles raster visits.
 
 namespace manip3d {
 namespace {

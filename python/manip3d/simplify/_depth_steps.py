@@ -31,7 +31,7 @@ f = 525 pixels a single surface would need a slope of 87.8 degrees (arctan 0.05 
 
 _TAN_78 = math.tan(math.radians(78))
 _NOISE_AT_1_M = 1.425e-3  # metres, standard deviation; the same as in DepthStepOptions
-_MAX_OFF = 0.25  # share of a face's pixels; the same as kMaxOff in relief_coverage.cpp
+_MAX_OFF = 0.25  # share of a face's pixels; the same as kMaxOff in relief/coverage.cpp
 _BLOCK = 1 << 21  # samples that are processed together
 
 

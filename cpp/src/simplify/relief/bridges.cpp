@@ -1,10 +1,10 @@
-#include "simplify/relief_bridges.hpp"
+#include "simplify/relief/bridges.hpp"
 
 #include <algorithm>
 #include <array>
 #include <cmath>
 
-#include "simplify/relief_raster.hpp"
+#include "simplify/relief/raster.hpp"
 
 namespace manip3d::relief_detail {
 namespace {

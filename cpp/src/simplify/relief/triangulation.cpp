@@ -1,11 +1,11 @@
-#include "simplify/relief_triangulation.hpp"
+#include "simplify/relief/triangulation.hpp"
 
 #include <algorithm>
 #include <limits>
 #include <numeric>
 #include <utility>
 
-#include "simplify/relief_raster.hpp"
+#include "simplify/relief/raster.hpp"
 
 namespace manip3d::relief_detail {
 

@@ -5,8 +5,8 @@
 #include <span>
 #include <vector>
 
-#include "simplify/relief_raster.hpp"
-#include "simplify/relief_surface.hpp"
+#include "simplify/relief/raster.hpp"
+#include "simplify/relief/surface.hpp"
 
 namespace manip3d::relief_detail {
 

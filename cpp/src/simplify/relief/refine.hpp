@@ -6,7 +6,7 @@
 #include <vector>
 
 #include "manip3d/progress.hpp"
-#include "simplify/relief_triangulation.hpp"
+#include "simplify/relief/triangulation.hpp"
 
 namespace manip3d::relief_detail {
 

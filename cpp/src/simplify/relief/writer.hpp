@@ -8,8 +8,8 @@
 
 #include "manip3d/geometry/range_image.hpp"
 #include "manip3d/simplify/relief.hpp"
-#include "simplify/relief_surface.hpp"
-#include "simplify/relief_triangulation.hpp"
+#include "simplify/relief/surface.hpp"
+#include "simplify/relief/triangulation.hpp"
 
 namespace manip3d::relief_detail {
 

@@ -4,8 +4,8 @@
 #include <span>
 #include <vector>
 
-#include "simplify/relief_surface.hpp"
-#include "simplify/relief_triangulation.hpp"
+#include "simplify/relief/surface.hpp"
+#include "simplify/relief/triangulation.hpp"
 
 namespace manip3d::relief_detail {
 

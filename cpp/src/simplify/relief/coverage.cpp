@@ -1,4 +1,4 @@
-#include "simplify/relief_coverage.hpp"
+#include "simplify/relief/coverage.hpp"
 
 #include <algorithm>
 #include <array>
@@ -9,8 +9,8 @@
 #include <utility>
 
 #include "manip3d/error.hpp"
-#include "simplify/relief_bridges.hpp"
-#include "simplify/relief_raster.hpp"
+#include "simplify/relief/bridges.hpp"
+#include "simplify/relief/raster.hpp"
 
 namespace manip3d {
 namespace relief_detail {

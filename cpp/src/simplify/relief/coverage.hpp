@@ -7,7 +7,7 @@
 #include <vector>
 
 #include "manip3d/simplify/depth_coverage.hpp"
-#include "simplify/relief_surface.hpp"
+#include "simplify/relief/surface.hpp"
 
 namespace manip3d::relief_detail {
 

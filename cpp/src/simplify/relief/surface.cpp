@@ -1,4 +1,4 @@
-#include "simplify/relief_surface.hpp"
+#include "simplify/relief/surface.hpp"
 
 #include <Eigen/LU>
 #include <algorithm>

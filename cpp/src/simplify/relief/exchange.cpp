@@ -1,13 +1,13 @@
-#include "simplify/relief_exchange.hpp"
+#include "simplify/relief/exchange.hpp"
 
 #include <algorithm>
 #include <cmath>
 #include <numeric>
 
-#include "simplify/relief_collapse.hpp"
-#include "simplify/relief_coverage.hpp"
-#include "simplify/relief_raster.hpp"
-#include "simplify/relief_refine.hpp"
+#include "simplify/relief/collapse.hpp"
+#include "simplify/relief/coverage.hpp"
+#include "simplify/relief/raster.hpp"
+#include "simplify/relief/refine.hpp"
 
 namespace manip3d::relief_detail {
 namespace {

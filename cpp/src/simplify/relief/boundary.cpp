@@ -1,4 +1,4 @@
-#include "simplify/relief_boundary.hpp"
+#include "simplify/relief/boundary.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -6,10 +6,10 @@
 #include <optional>
 #include <utility>
 
-#include "simplify/relief_collapse.hpp"
-#include "simplify/relief_links.hpp"
-#include "simplify/relief_raster.hpp"
-#include "simplify/relief_refine.hpp"
+#include "simplify/relief/collapse.hpp"
+#include "simplify/relief/links.hpp"
+#include "simplify/relief/raster.hpp"
+#include "simplify/relief/refine.hpp"
 
 namespace manip3d::relief_detail {
 namespace {

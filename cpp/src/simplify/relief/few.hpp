@@ -3,7 +3,7 @@
 #include <cstdint>
 #include <vector>
 
-#include "simplify/relief_triangulation.hpp"
+#include "simplify/relief/triangulation.hpp"
 
 namespace manip3d::relief_detail {
 

@@ -1,10 +1,10 @@
-#include "simplify/relief_few.hpp"
+#include "simplify/relief/few.hpp"
 
 #include <algorithm>
 #include <limits>
 #include <queue>
 
-#include "simplify/relief_coverage.hpp"
+#include "simplify/relief/coverage.hpp"
 
 namespace manip3d::relief_detail {
 namespace {

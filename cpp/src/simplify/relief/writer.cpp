@@ -1,4 +1,4 @@
-#include "simplify/relief_writer.hpp"
+#include "simplify/relief/writer.hpp"
 
 #include <algorithm>
 #include <cstddef>

@@ -1,4 +1,4 @@
-#include "simplify/relief_blocks.hpp"
+#include "simplify/relief/blocks.hpp"
 
 #include <algorithm>
 #include <bit>

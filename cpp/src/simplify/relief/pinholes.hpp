@@ -6,7 +6,7 @@
 #include <span>
 #include <vector>
 
-#include "simplify/relief_surface.hpp"
+#include "simplify/relief/surface.hpp"
 
 namespace manip3d::relief_detail {
 

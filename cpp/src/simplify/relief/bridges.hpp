@@ -3,8 +3,8 @@
 #include <cstdint>
 #include <span>
 
-#include "simplify/relief_coverage.hpp"
-#include "simplify/relief_surface.hpp"
+#include "simplify/relief/coverage.hpp"
+#include "simplify/relief/surface.hpp"
 
 namespace manip3d::relief_detail {
 

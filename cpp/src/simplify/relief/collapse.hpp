@@ -7,8 +7,8 @@
 
 #include "geometry/lanes.hpp"
 #include "manip3d/progress.hpp"
-#include "simplify/relief_few.hpp"
-#include "simplify/relief_triangulation.hpp"
+#include "simplify/relief/few.hpp"
+#include "simplify/relief/triangulation.hpp"
 
 namespace manip3d::relief_detail {
 

@@ -6,8 +6,8 @@
 #include <vector>
 
 #include "manip3d/progress.hpp"
-#include "simplify/relief_raster.hpp"
-#include "simplify/relief_triangulation.hpp"
+#include "simplify/relief/raster.hpp"
+#include "simplify/relief/triangulation.hpp"
 
 namespace manip3d::relief_detail {
 

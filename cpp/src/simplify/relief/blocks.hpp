@@ -5,7 +5,7 @@
 #include <span>
 #include <vector>
 
-#include "simplify/relief_triangulation.hpp"
+#include "simplify/relief/triangulation.hpp"
 
 namespace manip3d::relief_detail {
 

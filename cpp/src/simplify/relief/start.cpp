@@ -1,4 +1,4 @@
-#include "simplify/relief_start.hpp"
+#include "simplify/relief/start.hpp"
 
 #include <algorithm>
 #include <bit>

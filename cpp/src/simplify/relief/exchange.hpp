@@ -5,8 +5,8 @@
 #include <vector>
 
 #include "manip3d/progress.hpp"
-#include "simplify/relief_boundary.hpp"
-#include "simplify/relief_triangulation.hpp"
+#include "simplify/relief/boundary.hpp"
+#include "simplify/relief/triangulation.hpp"
 
 namespace manip3d::relief_detail {
 

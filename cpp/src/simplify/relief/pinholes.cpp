@@ -1,4 +1,4 @@
-#include "simplify/relief_pinholes.hpp"
+#include "simplify/relief/pinholes.hpp"
 
 #include <Eigen/Core>
 #include <algorithm>

@@ -2,7 +2,7 @@
 
 #include <cstdint>
 
-#include "simplify/relief_surface.hpp"
+#include "simplify/relief/surface.hpp"
 
 namespace manip3d::relief_detail {
 

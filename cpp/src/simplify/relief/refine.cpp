@@ -1,4 +1,4 @@
-#include "simplify/relief_refine.hpp"
+#include "simplify/relief/refine.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -7,8 +7,8 @@
 #include "geometry/constants.hpp"
 #include "geometry/lanes.hpp"
 #include "geometry/wide_vectors.hpp"
-#include "simplify/relief_links.hpp"
-#include "simplify/relief_raster.hpp"
+#include "simplify/relief/links.hpp"
+#include "simplify/relief/raster.hpp"
 
 namespace manip3d::relief_detail {
 namespace {

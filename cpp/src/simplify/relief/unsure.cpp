@@ -1,8 +1,8 @@
-#include "simplify/relief_unsure.hpp"
+#include "simplify/relief/unsure.hpp"
 
 #include <algorithm>
 
-#include "simplify/relief_refine.hpp"
+#include "simplify/relief/refine.hpp"
 
 namespace manip3d::relief_detail {
 namespace {

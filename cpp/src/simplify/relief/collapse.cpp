@@ -1,13 +1,13 @@
-#include "simplify/relief_collapse.hpp"
+#include "simplify/relief/collapse.hpp"
 
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
 #include <limits>
 
-#include "simplify/relief_coverage.hpp"
-#include "simplify/relief_few.hpp"
-#include "simplify/relief_raster.hpp"
+#include "simplify/relief/coverage.hpp"
+#include "simplify/relief/few.hpp"
+#include "simplify/relief/raster.hpp"
 
 namespace manip3d::relief_detail {
 namespace {
