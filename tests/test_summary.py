@@ -32,6 +32,15 @@ def test_tetrahedron_is_closed() -> None:
     assert summary.bounds == ((0, 0, 0), (1, 1, 1))
 
 
+def test_bounds_are_those_of_the_faces_and_zero_without_any() -> None:
+    corners = np.array([[5.0, 6, 7], [6, 6, 7], [5, 8, 7], [9, 9, 9]])
+    face = np.array([[0, 1, 2]], np.int32)
+    assert Mesh(corners, face).bounds.tolist() == [[5, 6, 7], [6, 8, 7]]  # without the last vertex
+    empty = Mesh(corners, face[:0])
+    assert empty.bounds.tolist() == [[0, 0, 0], [0, 0, 0]]
+    assert empty.diagonal == 0
+
+
 def test_unwelded_square_has_a_cut_that_welding_closes() -> None:
     #  4---3
     #  | / |   two triangles, each with its own corners

@@ -112,13 +112,16 @@ struct MeshView {
 /// @throws InputError  naming the table, the row, the expected and the actual value.
 void check_mesh(const MeshView& mesh);
 
-/// Axis-aligned bounding box of the vertices that some face uses.
+/// Axis-aligned box.
 struct BoundingBox {
   Eigen::Vector3d min = Eigen::Vector3d::Zero();
   Eigen::Vector3d max = Eigen::Vector3d::Zero();
   [[nodiscard]] double diagonal() const { return (max - min).norm(); }
   [[nodiscard]] Eigen::Vector3d center() const { return 0.5 * min + 0.5 * max; }
 };
+
+/// Bounding box of the vertices that some face uses; both corners are the origin if the mesh has no
+/// faces.
 BoundingBox bounding_box(const MeshView& mesh);
 
 }  // namespace manip3d
