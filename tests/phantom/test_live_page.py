@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 from live_stage import (
     Stage,
+    click_at,
     keep_picture,
     press,
     rate,
@@ -534,6 +535,56 @@ def test_what_the_patient_says_is_said_on_purpose(chromium: None, tmp_path: Path
         assert [one.answered for one in (first, second, third)] == [True, False, True]
         assert [event.kind for event in diary.events("P01")] == ["sickness"]
     assert dict(stage.server.refused) == {}
+
+
+def test_the_space_bar_stops_a_game_wherever_the_focus_is(chromium: None) -> None:
+    """A button keeps the focus after a click, and would take the space bar for itself."""
+    stage = Stage(capsule_body.painted(number % 40) for number in itertools.count())
+    skeleton = "[title='Key S']"
+    is_pressed = f'document.querySelector("{skeleton}").ariaPressed'
+
+    def space(*heard: str) -> None:
+        type_key(tab, " ", 32, " ")
+        tab.evaluate("new Promise(requestAnimationFrame)")
+        wait_for(lambda: stage.heard == list(heard))
+        stage.heard.clear()
+        stage.show(2)
+
+    try:
+        with _chromium.open_address(stage.server.new_url(), (1000, 900)) as tab:
+            wait_for(lambda: stage.server.num_clients == 1)
+            stage.show(3)
+            click_at(tab, "#start")
+            wait_for(lambda: stage.heard == ["ready"])
+            stage.heard.clear()
+            stage.show(1)
+            for button in ("#open-setup", "#setup-read", "#setup .row button:last-child"):
+                click_at(tab, button)
+                assert not tab.evaluate("document.activeElement.matches('button, input')")
+            assert tab.evaluate("document.querySelector('#setup').hidden")
+            space("stop")
+            for holder in ("#open-touch", "#start", "#game"):  # as the Tab key leaves it
+                space("ready")
+                tab.evaluate(f"document.querySelector('{holder}').focus()")
+                space("stop")
+                assert tab.evaluate("document.querySelector('#touch').hidden")
+            tab.evaluate(f'document.querySelector("{skeleton}").focus()')
+            space()  # no game runs: the button has the key
+            assert tab.evaluate(is_pressed) == "true"
+
+            tab.evaluate("document.activeElement.blur()")
+            space("ready")
+            tab.evaluate("document.querySelector('#asking').hidden = false")
+            click_at(tab, "#event")
+            space()
+            assert tab.evaluate("document.querySelector('#event').value") == " "
+            click_at(tab, "#unwell")
+            stage.show(2)
+            wait_for(lambda: stage.heard == ["stop"])
+            stage.heard.clear()
+            space("ready")  # not the answer to whether the patient is sick
+    finally:
+        stage.server.stop()
 
 
 def test_a_second_screen_joins_by_a_short_code(chromium: None) -> None:

@@ -2,6 +2,7 @@
 
 import * as THREE from "three";
 import { OrbitControls } from "three/addons/controls/OrbitControls.js";
+import { lead, letGo, takesKey, takesText } from "./focus";
 import type { Frame, GameStatus, Status } from "./frame";
 import { Pedals, Piano } from "./instruments";
 import { Link } from "./link";
@@ -523,16 +524,14 @@ setInterval(() => {
 
 // --- user input ------------------------------------------------------------------------------------
 
-let isTyped = false; // whether the last input came from the keyboard
-
-/** After a choice by pointer, keys control the page again; after one by keyboard, the list. */
-function letGo(list: HTMLElement): void {
-  if (!isTyped) list.blur();
-}
-
 function isIdle(): boolean {
   const current = newest?.game.phase;
   return (current === "waiting" || current === "over") && !isTouching(newest);
+}
+
+/** Whether a game or a touch runs: the space bar stops it wherever the focus is. */
+function isRunning(): boolean {
+  return newest !== null && !isIdle();
 }
 
 function press(): void {
@@ -574,7 +573,7 @@ unanswered.addEventListener("click", () => keepOfPatient({ type: "unanswered" })
 function askWhetherSick(isAsked: boolean): void {
   sure.hidden = !isAsked;
   unwell.disabled = isAsked;
-  (isAsked ? isSick : unwell).focus();
+  lead(isAsked ? isSick : unwell);
 }
 unwell.addEventListener("click", () => {
   if (!isIdle()) link.send({ type: "stop" });
@@ -585,16 +584,9 @@ isSick.addEventListener("click", () => {
   keepOfPatient({ type: "unwell" });
   askWhetherSick(false);
 });
-addScreen.addEventListener("click", () => {
-  link.send({ type: "screen" });
-  addScreen.blur();
-});
-enough.addEventListener("click", () => {
-  endSession();
-  enough.blur();
-});
+addScreen.addEventListener("click", () => link.send({ type: "screen" }));
+enough.addEventListener("click", endSession);
 note.addEventListener("click", () => {
-  note.blur();
   const text = plain(event.value);
   if (text === "") return;
   note.disabled = true;
@@ -613,12 +605,10 @@ note.addEventListener("click", () => {
 });
 for (const kind of ["pointerdown", "keydown"]) {
   document.addEventListener(kind, () => sound.wake());
-  document.addEventListener(kind, () => (isTyped = kind === "keydown"), true);
 }
 start.addEventListener("click", () => {
   if (newest && newest.game.sitting !== "open") link.send({ type: "again" });
   else press();
-  start.blur(); // so that the space bar, which stops the game, does not press it again
 });
 for (const list of [gameChoice, difficulty]) {
   list.addEventListener("change", () => {
@@ -644,13 +634,15 @@ const keys: Record<string, () => void> = {
   },
 };
 document.addEventListener("keydown", (event) => {
-  const target = event.target as HTMLElement;
   if (event.ctrlKey || event.metaKey || event.altKey || event.repeat) return;
-  if (target instanceof HTMLSelectElement || target instanceof HTMLInputElement) return;
-  if (target instanceof HTMLButtonElement && event.key === " ") return; // presses that button
+  if (takesText(event.target)) return;
+  const stops = event.key === " " && isRunning();
+  if (!stops && takesKey(event.target, event.key)) return;
   const action = keys[event.key.toLowerCase()];
   if (!action) return;
   event.preventDefault();
+  // Else the release of the key, or its repetition, would press the button that has the focus.
+  if (stops) (document.activeElement as HTMLElement | null)?.blur();
   action();
 });
 
@@ -666,7 +658,6 @@ void hasHeadset().then((found) => {
   headset.hidden = !found || !renderer;
 });
 headset.addEventListener("click", () => {
-  headset.blur();
   write(headsetTold, "");
   if (session) {
     void session.end();
