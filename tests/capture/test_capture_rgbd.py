@@ -852,6 +852,8 @@ def test_pictures_beside_depth_that_are_left_out_are_told(tmp_path: Path) -> Non
     """Grey images may be masks or confidences, which nobody takes for colours."""
     images(tmp_path, "depth", 1, DEPTH)
     images(tmp_path, "confidence", 1, DEPTH)
+    (tmp_path / "absent").mkdir()
+    (tmp_path / "absent" / "0.png").symlink_to(tmp_path / "nowhere.png")
     assert opened(tmp_path, camera=CAMERA).read() is not None
     for name, suffix in (("left", "jpg"), ("frames", "png")):
         images(tmp_path, name, 1, COLOR, suffix)

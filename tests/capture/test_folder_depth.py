@@ -77,3 +77,9 @@ def test_without_a_camera_or_images_nothing_is_found(walk: Path, tmp_path: Path)
     for image in (walk / "depth").iterdir():
         image.write_bytes(b"no image")
     assert capture.folder_depth(walk, intrinsics=CAMERA) is None
+
+
+def test_what_is_no_folder_is_refused(tmp_path: Path) -> None:
+    for place in (tmp_path / "absent", Path(__file__)):
+        with pytest.raises(InputError, match="folder: expected a folder with depth images"):
+            capture.folder_depth(place, intrinsics=CAMERA)

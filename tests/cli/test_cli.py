@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import signal
 import struct
 import subprocess
 import sys
 import time
+from io import StringIO
 from pathlib import Path
 
 import numpy as np
 import pytest
+from rich.console import Console
 
 import exact_models
 from command_line import error_line, manip3d
@@ -32,7 +35,7 @@ from manip3d import (
 from manip3d.cli import doctor
 from manip3d.cli.demo import tell
 from manip3d.cli.kinds import kind_of
-from manip3d.cli.terminal import Terminal
+from manip3d.cli.terminal import Terminal, table
 from manip3d.metrics import metro
 
 
@@ -247,9 +250,16 @@ def test_a_wrong_data_folder_is_named(
     for variable, value in here.items():
         monkeypatch.setenv(variable, value)
     monkeypatch.setattr(doctor, "load", lambda _: None)  # packages of extras take seconds
-    (check,) = [c for c in doctor.examine() if c["what"] == "MANIP3D_DATA"]
+    checks = doctor.examine()
+    (check,) = [c for c in checks if c["what"] == "MANIP3D_DATA"]
     assert check["state"] == "broken"
     assert message in check["detail"]
+    text = StringIO()
+    told = Console(file=text, width=500)
+    doctor.show(told, checks)
+    shown, cures = text.getvalue().split("\nCures\n")
+    assert re.search(rf"BROKEN +MANIP3D_DATA +.*{message}", shown)
+    assert "set it to the data folder" in cures
 
 
 def test_doctor_names_packages_that_cannot_be_imported(tmp_path: Path) -> None:
@@ -970,3 +980,11 @@ def test_an_empty_name_is_no_folder(tmp_path: Path) -> None:
     """An empty source, as from an unset variable of a script, is an error."""
     line = error_line(manip3d("simplify", "", "--ratio", "0.5", "-o", tmp_path / "out"))
     assert line.endswith("source: expected a file, a folder or an address, got ''")
+
+
+def test_long_texts_wrap_where_the_numbers_beside_them_need_the_room() -> None:
+    text = StringIO()
+    rows = [("points removed", "10%", "4 of 40"), ("a class with a long name " * 6, "0%", "none")]
+    table(Console(file=text, width=100, force_terminal=True, color_system=None), rows)
+    assert "4 of 40" in text.getvalue()
+    assert max(map(len, text.getvalue().splitlines())) <= 100

@@ -72,8 +72,13 @@ def test_points_of_the_courtyard_stand_on_the_lattice_of_kitti() -> None:
 @pytest.mark.parametrize(
     ("call", "message"),
     [
-        (lambda: simulate.cave(0.0), "resolution_deg: expected degrees > 0"),
+        (lambda: simulate.cave(0.0), "resolution_deg: expected degrees from 0.01 on"),
         (lambda: simulate.cave(math.nan), "resolution_deg: "),
+        (lambda: simulate.cave(math.inf), "resolution_deg: "),
+        (
+            lambda: simulate.cave(field_of_view=((math.nan, 1.0), (0.0, 1.0))),
+            "field_of_view: expected finite degrees",
+        ),
         (lambda: simulate.cave(range_noise=-1.0), "range_noise: expected a finite number >= 0"),
         (
             lambda: simulate.cave(field_of_view=((0.0, 0.0), (0.0, 1.0))),

@@ -126,7 +126,7 @@ class AlertTally:
         Parameters
         ----------
         whole : bool
-            Same as for `verdict_of_alerts`.
+            Same as for `verdict_of_alerts`; False while the stream goes on.
 
         Returns
         -------

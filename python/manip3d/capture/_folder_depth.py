@@ -74,9 +74,9 @@ def folder_depth(
     folder : path-like
         Folder with depth images (``.png``) in ``depth``.
     intrinsics : str
-        Camera of the depth images, as `manip3d.camera.read_intrinsics` takes it. Default: the
-        camera in ``intrinsic/intrinsic_depth.txt`` (ScanNet) or ``camera_intrinsic.json``
-        (Open3D), if there is one.
+        Camera of the depth images, as the text that `manip3d.camera.read_intrinsics` takes.
+        Default: the camera in ``intrinsic/intrinsic_depth.txt`` (ScanNet) or
+        ``camera_intrinsic.json`` (Open3D), if there is one.
     unit : str
         Unit of the depth images, as `manip3d.io.read_depth_guessing` takes it. ``"guess"``: the
         unit that the camera states, or else the one that most images look like. Up to nine of
@@ -91,7 +91,8 @@ def folder_depth(
     Raises
     ------
     InputError
-        The camera is none, or one of images of another size; or the unit is unknown.
+        The folder is none, the camera is none, or one of images of another size; or the unit is
+        unknown.
     FormatError, OSError
         The file of the camera cannot be read.
 
@@ -112,6 +113,8 @@ def folder_depth(
     5000.0
     """
     place = path_of(folder, "folder")
+    if not place.is_dir():
+        raise InputError(f"folder: expected a folder with depth images in depth/, got {place}")
     images = depth_images_of(place) if images_alone(place) else []
     camera = intrinsics or str(camera_file_of(place) or "")
     if not images or not camera:

@@ -9,14 +9,17 @@ from numpy.typing import NDArray
 
 from manip3d._util.paths import is_hidden
 from manip3d._util.regular_files import open_regular
+from manip3d.errors import Error
 
-SET_UNIT = "--units-per-metre (units_per_metre= in Python) sets another unit"
+SET_UNIT = (
+    "'manip3d capture record --units-per-metre' (units_per_metre= in Python) sets another unit"
+)
 """Cure of a unit that was assumed wrongly."""
 _COLOR_FOLDERS = "color, colour, rgb, image or images"
 _PICTURES = (".jpg", ".jpeg", ".png")
 _PNG_COLOR_TYPE = 25
 """Byte of a PNG that holds its colour type (RFC 2083)."""
-_PNG_COLORS = (2, 3, 6)
+_PNG_COLORS = (2, 6)  # pictures with a palette are mostly masks
 _NEAREST_M, _FARTHEST_M = 0.2, 12.0
 """Limits of the median of a depth image, metres, that cameras of rooms and people measure."""
 
@@ -40,11 +43,15 @@ def pictures_left_out(folder: Path) -> str:
 
 
 def _has_colors(folder: Path) -> bool:
-    first = next((each for each in folder.iterdir() if each.suffix.lower() in _PICTURES), None)
-    if first is None or first.suffix.lower() != ".png":
-        return first is not None
-    with open_regular(first) as file:
-        start = file.read(_PNG_COLOR_TYPE + 1)
+    """Whether the first picture of a folder has colours; what cannot be read has none."""
+    try:
+        first = next((each for each in folder.iterdir() if each.suffix.lower() in _PICTURES), None)
+        if first is None or first.suffix.lower() != ".png":
+            return first is not None
+        with open_regular(first) as file:
+            start = file.read(_PNG_COLOR_TYPE + 1)
+    except (OSError, Error):
+        return False
     return len(start) > _PNG_COLOR_TYPE and start[_PNG_COLOR_TYPE] in _PNG_COLORS
 
 

@@ -75,7 +75,8 @@ def _simplify(
     make: Callable[..., DepthFileResult], source: str, output: Path, given: Mapping[str, Any]
 ) -> None:
     """Write the mesh of a depth image, and print what it is."""
-    maps = ("color", "mask", "confidence")  # without those of folders, of which a file has no map
+    # One of several files has none of these if a folder of them lacks an image for it.
+    maps = ("color", "mask", "confidence")
     with naming_options(*OPTIONS):
         result = make(
             source,

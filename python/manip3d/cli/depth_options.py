@@ -42,9 +42,9 @@ class Variant(StrEnum):
 
 
 OPTIONS = ("intrinsics", "unit", "variant", "effort", "by-distance", "move-points", "max-edge",
-            "depth-step", "color", "mask", "confidence", "confidence-max", "points", "ratio",
-            "method", "min-coverage", "max-bridges", "bandwidth", "rate", "stable",
-            "ray-depth")  # fmt: skip
+           "depth-step", "color", "mask", "confidence", "confidence-max", "points", "ratio",
+           "method", "min-coverage", "max-bridges", "bandwidth", "rate", "stable",
+           "ray-depth")  # fmt: skip
 
 BUDGETS = ("points", "ratio", "bandwidth", "rate")
 
@@ -57,7 +57,7 @@ def expect_budget(
 
 
 def options_of(given: Mapping[str, Any]) -> DepthOptions:
-    """Options of a command that goes through its files in one process; jobs are threads."""
+    """Return the options of the method from those of the command; ``jobs`` are threads."""
     from manip3d.simplify import DepthOptions
 
     names = ("points", "intrinsics", "unit", "max_edge", "depth_step", "by_distance", "move_points",

@@ -41,7 +41,9 @@ def simplify_frames(sources: list[str], given: dict[str, Any]) -> bool:
         if given["stable"] and given["method"] != DepthMethod.relief:
             raise InputError(f"stable: expected method relief, got {given['method']}")
         options = options_of({**given, "intrinsics": "", "unit": "guess"})
-        depth = capture.folder_depth(folder, intrinsics=given["intrinsics"], unit=given["unit"])
+        depth = None
+        if folder.is_dir():
+            depth = capture.folder_depth(folder, intrinsics=given["intrinsics"], unit=given["unit"])
         per_metre = 0.0 if depth is None else depth.units_per_metre
     if depth is not None:
         shell.say(f"read {depth.sentence}{OVERRIDE if depth.is_guess else ''}")

@@ -189,7 +189,7 @@ class Terminal:
 
 
 def table(console: Console, rows: Sequence[Sequence[str]], header: Sequence[str] = ()) -> None:
-    """Print rows in columns, with numbers right-aligned; on a terminal the last column wraps."""
+    """Print rows in columns, with numbers right-aligned; on a terminal long texts wrap."""
     from rich.table import Table
     from rich.text import Text
 
@@ -200,6 +200,8 @@ def table(console: Console, rows: Sequence[Sequence[str]], header: Sequence[str]
         cells = [row[column] for row in rows]
         numeric = all(_is_number(cell) for cell in cells)
         width = max(len(cell) for cell in [name, *cells])
+        if not numeric:
+            width = min(width, _LEAST_WIDTH)
         grid.add_column(
             name,
             justify="right" if numeric and column else "left",
@@ -208,6 +210,10 @@ def table(console: Console, rows: Sequence[Sequence[str]], header: Sequence[str]
     for row in rows:
         grid.add_row(*(Text(cell) for cell in row))
     console.print(grid)
+
+
+_LEAST_WIDTH = 40
+"""Characters: width to which long texts wrap if the columns after them need the room."""
 
 
 def _is_number(cell: str) -> bool:

@@ -39,6 +39,9 @@ Doubles = NDArray[np.float64]
 ANGLE_NOISE = 1e-5
 """Radians: standard deviation of the azimuths of a terrestrial scanner."""
 
+FINEST_DEG = 0.01
+"""Degrees: least step of the grid of a cave, which then has 120 million points."""
+
 YARD = (-26.0, -14.0, -1.73), (31.0, 11.0, 30.0)
 """Metres: lowest and highest corner of the courtyard with its ground and its walls."""
 BOXES = (
@@ -89,7 +92,7 @@ def cave(
     Raises
     ------
     InputError
-        The step is not positive, the noise is negative, or the field of view is empty.
+        The step is below 0.01 degrees, the noise is negative, or the field of view is empty.
 
     Examples
     --------
@@ -97,10 +100,14 @@ def cave(
     >>> simulate.cave().num_points
     133200
     """
-    if not resolution_deg > 0.0:
-        raise InputError(f"resolution_deg: expected degrees > 0, got {resolution_deg}")
+    if not (FINEST_DEG <= resolution_deg < math.inf):
+        raise InputError(
+            f"resolution_deg: expected degrees from {FINEST_DEG} on, got {resolution_deg}"
+        )
     if not (0.0 <= range_noise < math.inf):
         raise InputError(f"range_noise: expected a finite number >= 0, got {range_noise}")
+    if not np.isfinite(field_of_view).all():
+        raise InputError(f"field_of_view: expected finite degrees, got {field_of_view}")
     random = generator_of(rng)
     azimuth, elevation = np.meshgrid(
         *(_middles(first, last, resolution_deg) for first, last in field_of_view), indexing="ij"

@@ -641,7 +641,7 @@ document.addEventListener("keydown", (event) => {
   const action = keys[event.key.toLowerCase()];
   if (!action) return;
   event.preventDefault();
-  // Else the release of the key, or its repetition, would press the button that has the focus.
+  // The release of the key, or its repetition, would otherwise press the button that has the focus.
   if (stops) (document.activeElement as HTMLElement | null)?.blur();
   action();
 });
