@@ -6,6 +6,7 @@ import base64
 import io
 import re
 import webbrowser
+import zlib
 from pathlib import Path
 
 import numpy as np
@@ -325,6 +326,48 @@ def test_the_keys_do_what_the_help_says(chromium: None, quad: Mesh) -> None:
     assert dark[-2, 2].max() < 60
     np.testing.assert_allclose(again, first, atol=2)
     assert help_open
+
+
+DRAWN = re.compile(  # in a PDF: a scaled image; other operators, none of which scales; its name
+    rb"([-.\d]+) 0 0 ([-.\d]+) [-.\d]+ [-.\d]+ cm(?:(?! cm).)*?/(X\d+) Do", re.DOTALL
+)
+
+
+def printed_stretches(tab: _chromium.Tab, landscape: bool) -> list[float]:
+    """Print the page; return how much wider than on the screen each picture is for its height."""
+    content = base64.b64decode(tab.send("Page.printToPDF", landscape=landscape)["data"])
+    sizes = {
+        number: (int(width), int(height))
+        for number, width, height in re.findall(
+            rb"(\d+) 0 obj\s*<<[^>]*/Subtype /Image\s*/Width (\d+)\s*/Height (\d+)", content
+        )
+    }
+    numbers = dict(re.findall(rb"/(X\d+) (\d+) 0 R", content))
+    stretches = []
+    for stream in re.findall(rb"stream\r?\n(.*?)endstream", content, re.DOTALL):
+        operators = zlib.decompress(stream)
+        # Fonts and images are not ASCII.
+        for wide, high, name in DRAWN.findall(operators) if operators.isascii() else ():
+            width, height = sizes[numbers[name]]
+            stretches.append(abs(float(wide) / float(high)) * height / width)
+    return stretches
+
+
+@pytest.mark.parametrize("landscape", [False, True])
+def test_paper_shows_the_picture_in_its_proportions(
+    chromium: None, quad: Mesh, landscape: bool
+) -> None:
+    with _chromium.open_page(html([quad] * 4), (1280, 700)) as tab:
+        tab.evaluate("manip3d")
+        screenshot(tab)
+        assert printed_stretches(tab, landscape) == [pytest.approx(1.0, abs=0.01)]
+        # The captions stay under their pictures, and what only works on a screen is left out.
+        tab.send("Emulation.setEmulatedMedia", media="print")
+        tab.send("Emulation.setDeviceMetricsOverride", width=700, height=1000,
+                 deviceScaleFactor=1, mobile=False)  # fmt: skip
+        tops = "new Set([...document.querySelectorAll('figure')].map(f => f.offsetTop)).size"
+        assert tab.evaluate(tops) == 1
+        assert tab.evaluate("document.querySelector('header').innerText") == ""
 
 
 def test_a_sandboxed_frame_shows_the_page(chromium: None, quad: Mesh) -> None:

@@ -13,6 +13,11 @@ const FASTER = 1.25; // times the points of the picture before
 const LEAST_SHARE = 0.02; // of the points that are drawn while it moves
 const WARMING = 2; // frames before those that are timed
 
+/** @param {HTMLElement[]} panes @returns {number} how many stand side by side */
+function columnsOf(panes) {
+  return new Set(panes.map((pane) => pane.offsetLeft)).size;
+}
+
 /**
  * From where the models are seen.
  * @typedef {object} View
@@ -115,9 +120,13 @@ export class Stage {
   }
 
   resize() {
-    const { clientWidth, clientHeight } = /** @type {HTMLElement} */ (this.canvas.parentElement);
+    const area = /** @type {HTMLElement} */ (this.canvas.parentElement);
+    const { clientWidth, clientHeight } = area;
     this.renderer.setPixelRatio(Math.min(window.devicePixelRatio, 2));
     this.renderer.setSize(clientWidth, clientHeight, false);
+    // Paper shows the picture as drawn for the screen, so its layout has the same proportions.
+    area.style.setProperty("--aspect", String(clientWidth / Math.max(clientHeight, 1)));
+    area.style.setProperty("--columns", String(columnsOf(this.panes)));
     if (!this.held) this.fit();
     this.draw(); // at once: a resized canvas is blank
   }
