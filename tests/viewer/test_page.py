@@ -299,6 +299,18 @@ def test_a_screen_reader_is_told_what_the_view_shows(chromium: None, quad: Mesh)
             assert tab.evaluate(role_and_label) == expected
 
 
+@pytest.mark.parametrize("width", [360, 640])
+def test_long_names_stay_within_a_narrow_window(chromium: None, quad: Mesh, width: int) -> None:
+    name = "a_name_without_any_place_for_a_line_break_" * 5
+    with _chromium.open_page(
+        html([quad, quad], labels=[name, name], title=name), (640, 500)
+    ) as tab:
+        tab.send("Emulation.setDeviceMetricsOverride", width=width, height=500,
+                 deviceScaleFactor=1, mobile=False)  # fmt: skip
+        tab.evaluate("manip3d")
+        assert tab.evaluate("document.documentElement.scrollWidth") == width
+
+
 def test_the_keys_do_what_the_help_says(chromium: None, quad: Mesh) -> None:
     material = Material(textures={"base_color": Texture(data=png((255, 0, 0)))})
     mesh = quad.replace(materials=(material,), face_material=[0, 0])
