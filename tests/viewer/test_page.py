@@ -311,6 +311,13 @@ def test_long_names_stay_within_a_narrow_window(chromium: None, quad: Mesh, widt
         assert tab.evaluate("document.documentElement.scrollWidth") == width
 
 
+def test_buttons_are_named_by_the_words_on_them(chromium: None, quad: Mesh) -> None:
+    names = "[...document.querySelectorAll('header button')].map(b => b.ariaLabel ?? b.innerText)"
+    with _chromium.open_page(html(quad), (800, 300)) as tab:
+        tab.evaluate("manip3d")
+        assert tab.evaluate(names)[-3:] == ["Reset", "Dark or light (D)", "Keys (?)"]
+
+
 def test_the_keys_do_what_the_help_says(chromium: None, quad: Mesh) -> None:
     material = Material(textures={"base_color": Texture(data=png((255, 0, 0)))})
     mesh = quad.replace(materials=(material,), face_material=[0, 0])

@@ -259,7 +259,9 @@ function addToolbar(bar, stage, looks, help, switches, actions) {
     ["d", "◐", "Dark or light (D)"],
     ["?", "?", "Keys (?)"],
   ]) {
-    const button = element("button", { title: what, "aria-label": what }, label);
+    // A word names its button itself; a symbol needs a name.
+    const name = /** @type {Record<string, string>} */ (/^\w/.test(label) ? {} : { "aria-label": what });
+    const button = element("button", { title: what, ...name }, label);
     button.addEventListener("click", actions[key]);
     bar.append(button);
   }
