@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import json
 import subprocess
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -96,6 +97,23 @@ def test_play_draws_a_sheet_and_pictures(walk: Path, tmp_path: Path) -> None:
     assert "exists already" in manip3d(*again).stderr
     assert manip3d(*again, "--force").returncode == 0
     assert sorted(path.name for path in folder.iterdir()) == ["000000.png", "000001.png"]
+
+
+def test_play_draws_every_frame_also_if_drawing_takes_longer_than_the_time_between_them(
+    tmp_path: Path,
+) -> None:
+    frames = [
+        replace(frame, time_ns=number * 1000) for number, frame in enumerate(rgbd_frames.frames(40))
+    ]
+    capture.record(frames, tmp_path / "fast")
+    folder, sheet = tmp_path / "pictures", tmp_path / "a.png"
+    for output in (folder, sheet):
+        done = manip3d("capture", "play", tmp_path / "fast", "-o", output, "--json")
+        assert done.returncode == 0, done.stderr
+        assert json.loads(done.stdout)["frames"] == 40
+    assert len(list(folder.iterdir())) == 40
+    chosen = manip3d("capture", "play", tmp_path / "fast", "-o", sheet, "--force", "--speed", 1)
+    assert chosen.returncode == 0, chosen.stderr
 
 
 def test_play_removes_no_picture_before_it_has_read_all(

@@ -362,6 +362,11 @@ def play(
     }
 
 
+def _speed_of_play(output: Path | None) -> float:
+    """Return the default of ``--speed``: pictures are of all frames, however long they take."""
+    return 1.0 if output is None else 0.0
+
+
 def show_play(console: Console, record: dict[str, Any]) -> None:
     """Print the number of frames, the time and the rate, and the source's counters."""
     rate = record["frames_per_second"] or 0.0
@@ -605,8 +610,13 @@ def capture_play(
         ),
     ] = None,
     speed: Annotated[
-        float, typer.Option(min=0, help="Playback speed; 0: as fast as read, 1: real time.")
-    ] = 1.0,
+        float | None,
+        typer.Option(
+            min=0,
+            help="Playback speed; 0: as fast as read, 1: real time, which may leave out frames. "
+            "Default: 0 with -o, else 1.",
+        ),
+    ] = None,
     frames: MostFrames = None,
     start: FirstFrame = 0,
     intrinsics: FolderIntrinsics = "",
@@ -616,7 +626,7 @@ def capture_play(
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
-    """Read all frames and print their rate; with -o, draw them.
+    """Read all frames and print their rate; with -o, draw every one of them.
 
     Example: manip3d capture play patient.mkv -o frames.png
     """
@@ -630,7 +640,7 @@ def capture_play(
         intrinsics=intrinsics,
         units_per_metre=units_per_metre,
         rate=rate,
-        speed=speed,
+        speed=_speed_of_play(output) if speed is None else speed,
         start=start,
     )
     record = play(opened, output, shell, frames=frames, force=force, start=start)
