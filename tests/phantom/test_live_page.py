@@ -32,6 +32,8 @@ from manip3d.phantom.games import GAMES
 from manip3d.viewer import _chromium
 
 TITLES = {game.name: game.title for game in GAMES.values()}
+# Whether the page can be left without a question of the browser.
+LEAVES = "dispatchEvent(new Event('beforeunload', {cancelable: true}))"
 PHANTOM_HAND = {10, 11, 23, 24}
 
 
@@ -535,6 +537,40 @@ def test_what_the_patient_says_is_said_on_purpose(chromium: None, tmp_path: Path
         assert [one.answered for one in (first, second, third)] == [True, False, True]
         assert [event.kind for event in diary.events("P01")] == ["sickness"]
     assert dict(stage.server.refused) == {}
+
+
+def test_entries_that_a_lost_program_has_not_noted_are_counted_and_kept(chromium: None) -> None:
+    """The program is started anew at the same port: the page says what its new address lacks."""
+    stage = Stage(capsule_body.painted(number) for number in range(40))
+    try:
+        with _chromium.open_address(stage.server.new_url(), (1000, 900)) as tab:
+            wait_for(lambda: stage.server.num_clients == 1)
+            stage.show(2)
+            assert tab.evaluate(LEAVES)
+            tab.evaluate("document.querySelector('#asking').hidden = false")
+            tab.send("Network.clearBrowserCookies")  # as those of another program
+            stage.disconnect()
+            wait_for(lambda: text_of(tab, "#state") == "No connection")
+            assert "not noted" not in text_of(tab, "#status")
+            press(tab, "q")  # ends a session, which is over with its program
+            assert "not noted" not in text_of(tab, "#status")
+            rate(tab, 5)
+            told = text_of(tab, "#status")
+            assert told.startswith("No connection")
+            assert told.endswith(
+                "1 entry is not noted yet: write it down, and enter it again there."
+            )
+            assert text_of(tab, "#pain-told") == "Being noted: 5."
+            click_at(tab, "#unwell")
+            click_at(tab, "#sick")
+            told = text_of(tab, "#status")
+            assert "2 entries are not noted yet: write them down" in told
+            press(tab, "e")
+            assert text_of(tab, "#status") == told
+            assert not tab.evaluate(LEAVES)
+            assert stage.heard == []
+    finally:
+        stage.server.stop()
 
 
 def test_the_space_bar_stops_a_game_wherever_the_focus_is(chromium: None) -> None:

@@ -50,6 +50,9 @@ interface Said {
   code?: string;
 }
 
+/** Messages about the session itself: in a later one they would mean something else. */
+const OF_SESSION = new Set<unknown>(["enough", "unanswered"]);
+
 /** A message that must not be lost. */
 interface Kept {
   number: number;
@@ -74,7 +77,7 @@ export class Link {
 
   /**
    * @param decode  prepares a frame for drawing
-   * @param onState  called when the connection opens or closes
+   * @param onState  called when the connection opens or closes, and when a message waits for it
    * @param onCode  called with a code that admits another screen
    */
   constructor(
@@ -86,7 +89,7 @@ export class Link {
   }
 
   send(message: Record<string, string | number>): void {
-    if (this.socket?.readyState === WebSocket.OPEN) this.socket.send(JSON.stringify(message));
+    if (this.isOpen) this.socket?.send(JSON.stringify(message));
   }
 
   /** Sends a message, again over each new connection, until the program has confirmed it. */
@@ -95,11 +98,21 @@ export class Link {
       const one = { number: ++this.said, message, attempts: 0, heard, failed };
       this.kept.push(one);
       this.sayAgain(one);
+      if (!this.isOpen) this.onState(false);
     });
   }
 
+  /** Number of entries that somebody made and that the program has not confirmed. */
+  get unnoted(): number {
+    return this.kept.filter(({ message }) => !OF_SESSION.has(message.type)).length;
+  }
+
+  private get isOpen(): boolean {
+    return this.socket?.readyState === WebSocket.OPEN;
+  }
+
   private sayAgain(one: Kept): void {
-    if (this.socket?.readyState !== WebSocket.OPEN) return;
+    if (!this.isOpen) return;
     one.attempts += 1;
     this.send({ ...one.message, page: this.page, number: one.number });
   }

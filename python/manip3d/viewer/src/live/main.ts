@@ -375,8 +375,11 @@ function tell(status: Status): void {
   setup.tell(status);
   touching.tell(status);
   if (document.body.dataset.state !== state) document.body.dataset.state = state;
-  write(stateWord, STATES[state] ?? state);
-  write(stateText, views.own ? `${message} ${HATCHED}` : message);
+  // Without a connection the status is old, and the page says so.
+  if (document.body.dataset.connected !== "false") {
+    write(stateWord, STATES[state] ?? state);
+    write(stateText, views.own ? `${message} ${HATCHED}` : message);
+  }
   tellGame(status, message);
   panel.root.visible = views.wantsPanel;
   if (!views.wantsPanel) return;
@@ -473,7 +476,18 @@ function tellConnected(connected: boolean): void {
   if (connected) return;
   write(stateWord, "No connection");
   const again = "If the program was started anew, open the address that it prints.";
-  write(stateText, `This page comes back by itself while the program runs. ${again}`);
+  write(stateText, `This page comes back by itself while the program runs. ${again}${tellUnnoted()}`);
+}
+
+/**
+ * Says which entries a page at another address lacks. They are not sent to a program that was
+ * started anew, whose session may be another participant's.
+ */
+function tellUnnoted(): string {
+  const count = link.unnoted;
+  if (count === 0) return "";
+  const [entries, them] = count === 1 ? ["entry is", "it"] : ["entries are", "them"];
+  return ` ${count} ${entries} not noted yet: write ${them} down, and enter ${them} again there.`;
 }
 
 /** Whether only browsers of this computer reach the page. */
@@ -497,6 +511,11 @@ function tellCode(code: string): void {
 }
 
 const link = new Link(decode, tellConnected, tellCode);
+
+// Entries that are not noted are lost with the page: the browser asks whether to leave it.
+addEventListener("beforeunload", (event) => {
+  if (link.unnoted > 0) event.preventDefault();
+});
 
 setInterval(() => {
   const { latencyMs, perSecond, lost, bad, frames } = link.stats();
@@ -556,7 +575,7 @@ function keepOfPatient(message: Message): void {
     rated = words;
     if (newest) tell(newest);
   };
-  tellRated("Being noted.");
+  tellRated(message.value === undefined ? "Being noted." : `Being noted: ${message.value}.`);
   link
     .keep(message)
     .then(() => tellRated(""))
