@@ -458,6 +458,12 @@ def test_what_the_patient_says_is_said_on_purpose(chromium: None, tmp_path: Path
             said("pain")
             wait_for(lambda: text_of(tab, "#pain-told") == "Noted: 3.")
 
+            tab.evaluate("document.querySelector('#event').focus()")
+            tab.send("Input.insertText", text="a chair fell over")
+            type_key(tab, "Enter", 13, "\r")
+            said("event")
+            wait_for(lambda: text_of(tab, "#event-told") == "Noted.")
+
             # While a ball touches the limb, the key and the button stop it.
             stage.session.command("touch", {"mode": "synchronous"})
             stage.show(2)
@@ -535,7 +541,7 @@ def test_what_the_patient_says_is_said_on_purpose(chromium: None, tmp_path: Path
         assert [rating.pain for rating in first.ratings] == [3, 2]
         assert [rating.pain for one in (second, third) for rating in one.ratings] == [4, 4]
         assert [one.answered for one in (first, second, third)] == [True, False, True]
-        assert [event.kind for event in diary.events("P01")] == ["sickness"]
+        assert [event.kind for event in diary.events("P01")] == ["other", "sickness"]
     assert dict(stage.server.refused) == {}
 
 

@@ -138,6 +138,12 @@ const isWell = element("button", { id: "well" }, "No");
 sure.append("Stop for the whole day? ", isSick, " ", isWell);
 const event = element("input", { id: "event", maxlength: "500", placeholder: "what, in words" });
 const note = element("button", { id: "note" }, "Note it");
+const noting = element(
+  "form",
+  { id: "noting", class: "row" },
+  element("label", {}, "Something bad happened ", event),
+  note,
+);
 const eventTold = element("span", { id: "event-told", role: "status" });
 const asking = element(
   "div",
@@ -146,8 +152,7 @@ const asking = element(
   painTold,
   unwell,
   sure,
-  element("label", {}, "Something bad happened ", event),
-  note,
+  noting,
   eventTold,
 );
 asking.hidden = !content.asks;
@@ -605,7 +610,8 @@ isSick.addEventListener("click", () => {
 });
 addScreen.addEventListener("click", () => link.send({ type: "screen" }));
 enough.addEventListener("click", endSession);
-note.addEventListener("click", () => {
+noting.addEventListener("submit", (submitted) => {
+  submitted.preventDefault();
   const text = plain(event.value);
   if (text === "") return;
   note.disabled = true;
