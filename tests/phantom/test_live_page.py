@@ -764,3 +764,15 @@ def test_who_types_goes_through_a_list_to_its_end(chromium: None, stage: Stage) 
             "document.getElementById('difficulty').dispatchEvent(new Event('change'))"
         )
         assert tab.evaluate("document.activeElement === document.body")
+
+        press(tab, "u")
+        tab.evaluate("document.getElementById('setup-read').click()")
+        for _ in range(2):
+            tab.evaluate("document.getElementById('setup-next').click()")
+        stage.show(1)
+        tab.evaluate("document.getElementById('setup-limb').focus()")
+        for count in (1, 2):
+            type_key(tab, "ArrowDown", 40)
+            wait_for(lambda: stage.heard.count("limb") == count)  # noqa: B023
+            stage.show(1)
+        assert tab.evaluate("document.activeElement.id") == "setup-limb"

@@ -1,5 +1,6 @@
 // The set-up before a session, in steps: hazards, camera, patient, limb, measures, pain, consent.
 
+import { letGo } from "./focus";
 import type { Status } from "./frame";
 import { element, write, type Keep, type Send } from "./parts";
 
@@ -38,7 +39,7 @@ export class Setup {
     }
     this.limb.addEventListener("change", () => {
       send({ type: "limb", limb: this.limb.value });
-      this.limb.blur();
+      letGo(this.limb);
     });
     this.still.addEventListener("click", () => send({ type: "calibrate" }));
     this.clips.addEventListener("change", () => {
