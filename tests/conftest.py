@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import json
+import logging
 import os
 import re
 import signal
@@ -76,8 +77,17 @@ def pytest_collection_finish() -> None:
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
-    """Hide real data from tests without the mark, which must pass on a machine without data."""
+    """Hide real data from tests without the mark, which must pass on a machine without data.
+
+    The log is as in a new process: commands and other libraries in tests before may have set it.
+    """
     with pytest.MonkeyPatch.context() as patch:
+        logger = logging.getLogger("manip3d")
+        patch.setattr(logger, "handlers", [])
+        patch.setattr(logger, "disabled", False)
+        logger.setLevel(logging.NOTSET)
+        logging.root.setLevel(logging.WARNING)
+        logging.disable(logging.NOTSET)
         if not item.get_closest_marker("realdata"):
             patch.delenv("MANIP3D_DATA", raising=False)
         return (yield)

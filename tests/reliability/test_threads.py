@@ -260,7 +260,7 @@ def test_every_object_of_the_core_with_state_is_here() -> None:
     plain = {
         name
         for name in classes
-        if name.endswith(("Options", "Policy", "Reading", "Settings"))
+        if name.endswith(("Grid", "Options", "Policy", "Reading", "Settings"))
         or hasattr(getattr(_core, name), "__members__")
     }
     assert classes - plain == stateful
