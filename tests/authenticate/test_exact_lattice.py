@@ -214,6 +214,23 @@ def test_an_object_turned_by_finer_steps_is_no_slip_of_columns(degrees: float) -
     assert set(found.suspected.tolist()) <= set(rows.tolist())
 
 
+def test_an_object_on_open_land_is_no_slip_of_columns(monkeypatch: pytest.MonkeyPatch) -> None:
+    """All lasers that return anything meet it, and nothing around contradicts it but its edges."""
+    unit = replace(hesai(), elevation=np.linspace(3.0, -16.3, 32))
+    monkeypatch.setattr("exact_scans.WALLS", (300.0, 300.0))
+    donor = exact_scan(unit, 2).points
+    thing = turned(donor[on_post(donor) & (donor[:, 2] < 0.2)], 30.05)
+    monkeypatch.setattr("exact_scans.POST", (200.0, 200.0, 0.1))
+    land = exact_scan(unit, 1).points
+    land = land[np.linalg.norm(land, axis=1) < 60.0]
+    azimuth, taken = (np.degrees(np.arctan2(p[:, 1], p[:, 0])) for p in (land, thing))
+    free = (azimuth < taken.min() - 1.0) | (azimuth > taken.max() + 1.0)
+    found = said(without_labels(np.concatenate([land[free], thing])))
+    assert found.verdict == "tampered"
+    assert len(found.suspected) > 0.85 * len(thing)
+    assert found.suspected.min() >= np.count_nonzero(free)
+
+
 def test_a_wall_at_coarse_ranges_is_no_fill_value() -> None:
     """A round wall whose farthest step of 8 mm holds several returns of each laser."""
     scan = exact_scan(hesai(64))
@@ -738,6 +755,13 @@ def test_points_that_were_left_out_one_by_one_are_told(
     clean = exact_scan(unit).points
     found = said(without_labels(clean[keeps(clean)]))
     assert found.verdict == "processed"
+    assert [step.kind for step in found.processing] == ["thinned"]
+
+
+def test_every_other_point_of_each_ring_is_told(unit: Unit) -> None:
+    scan = exact_scan(unit, labelled=True)
+    by_ring = scan.points[np.argsort(scan.ring, kind="stable")]
+    found = said(without_labels(by_ring[::2]))
     assert [step.kind for step in found.processing] == ["thinned"]
 
 

@@ -33,6 +33,9 @@ least 0.15 in these without a fifth of their points, half or seven tenths of the
 in each voxel of 10 cm. In real clouds of five scanners by Hesai and Ouster it is at most 0.008, and
 at least 0.15 after the same changes."""
 
+MIN_BETWEEN = 0.02
+"""Firings are closer than the most frequent gap if more than this share of the gaps shows it."""
+
 
 def thinned_exactly(
     points: NDArray[np.float32], lattice: SensorLattice, reading: LatticeReading | None
@@ -68,7 +71,7 @@ def _share_missing(
     pairs = np.flatnonzero((np.diff(reading.ring[rows]) == 0) & (apart > 0))
     if not len(pairs):
         return 0.0
-    spacing = int(np.bincount(apart[pairs]).argmax())
+    spacing = _spacing(apart[pairs])
     rho = np.hypot(*points[rows, :2].astype(np.float64).T)
     pairs = pairs[rho[pairs] < NEAR]
     pairs = pairs[np.abs(rho[pairs + 1] - rho[pairs]) < SAME_SURFACE * rho[pairs]]
@@ -81,3 +84,18 @@ def _share_missing(
     if np.count_nonzero(counts) < MIN_SECTORS:
         return 0.0
     return float(np.median(missing[counts] / (beside + missing)[counts]))
+
+
+def _spacing(apart: NDArray[np.intp]) -> int:
+    """Steps between neighbouring firings of a laser: the most frequent gap, or a part of it.
+
+    Where every other point was left out the most frequent gap is two firings, of which the gaps at
+    missing returns are no multiple.
+    """
+    spacing = int(np.bincount(apart).argmax())
+    for parts in (4, 3, 2):
+        finer = spacing // parts
+        needs_it = (apart % spacing != 0) & (apart % max(finer, 1) == 0)
+        if spacing % parts == 0 and needs_it.mean() > MIN_BETWEEN:
+            return finer
+    return spacing

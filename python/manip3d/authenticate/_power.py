@@ -40,8 +40,9 @@ BLIND = (
 
 BLIND_EXACT = (
     BLIND_REFLECTANCES,
-    "points left out: fewer than one of seven of the scan, those of objects, whole columns, or "
-    "sectors of the turn (a scanner may be set to a part of it)",
+    "points left out: fewer than one of seven of the scan, those of objects, whole columns, all "
+    "but every third or fourth point of each ring, or sectors of the turn (a scanner may be set to "
+    "a part of it)",
 )
 """The same for exact clouds whose azimuths have steps."""
 
