@@ -59,6 +59,27 @@ def test_an_empty_message_does_not_indent_what_follows(chromium: None, stage: St
         assert left == below
 
 
+@pytest.mark.parametrize("is_large", [False, True])
+def test_nothing_is_wider_than_a_small_phone(chromium: None, stage: Stage, is_large: bool) -> None:
+    fits = "document.documentElement.scrollWidth <= innerWidth"
+    with _chromium.open_address(stage.server.new_url(), (500, 900)) as tab:
+        phone_or_desktop(tab, 360)
+        wait_for(lambda: stage.server.num_clients == 1)
+        stage.show(2)
+        tab.evaluate("document.getElementById('asking').hidden = false")
+        if is_large:
+            press(tab, "l")
+        assert tab.evaluate(fits)
+        for key in ("u", "t"):
+            press(tab, key)
+            assert tab.evaluate(fits)
+            press(tab, key)
+        tab.send("Page.navigate", url=stage.server.origin + "/hazards")
+        wait_for(lambda: "sickness" in tab.evaluate("document.body?.innerText ?? ''"))
+        keep_picture(tab, "hazards-360")
+        assert tab.evaluate(fits)
+
+
 def test_only_the_floor_is_drawn_before_the_first_picture(chromium: None, stage: Stage) -> None:
     with _chromium.open_address(stage.server.new_url(), (800, 700)) as tab:
         wait_for(lambda: stage.server.num_clients == 1)
