@@ -25,6 +25,30 @@ from manip3d.study import (
 from manip3d.viewer import _chromium
 
 
+def test_a_turn_ends_in_a_window_that_others_cover(chromium: None, tmp_path: Path) -> None:
+    """The browser draws no pictures there; the participant can answer all the same."""
+    pytest.importorskip("scipy")
+    file = small(tmp_path, turn_s=0.3)
+    make_stimuli(file)
+    study, content = read_study(file)
+    with (
+        StudyFolder(tmp_path / "answers", content) as folder,
+        served(study, folder) as server,
+        _chromium.open_address(server.new_url(), (960, 700)) as tab,
+    ):
+        person = Participant(tab)
+        person.begin("P1")
+        tab.evaluate("window.requestAnimationFrame = () => 0")
+        seen = ""
+        while not seen.startswith("t"):
+            step = person.next_step(seen)
+            assert step is not None
+            seen = step["id"]
+            if not seen.startswith("t"):
+                person.answer(plain_answer(step))
+        assert abs(tab.evaluate("manip3dStudy.turn()") - 6.2832) < 1e-3
+
+
 @pytest.mark.slow
 def test_from_consent_to_csv(chromium: None, tmp_path: Path) -> None:
     pytest.importorskip("scipy")

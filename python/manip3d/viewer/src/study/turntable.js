@@ -8,6 +8,7 @@ const PAPER = "#f4f5f7";
 const VIEW_ANGLE = 30; // degrees
 const RADIUS = 0.5; // of a model, placed at the origin with a bounding box of diagonal 1
 const ELEVATION = 15; // degrees
+const LATE_MS = 100; // after a turn, until it ends without the browser's next picture
 
 /** @param {number} degrees */
 function radians(degrees) {
@@ -59,6 +60,8 @@ export class Turntable {
         else done(undefined);
       };
       turn();
+      // A window that others cover draws nothing, and would never end the turn.
+      setTimeout(turn, 1000 * seconds + LATE_MS);
     });
   }
 
