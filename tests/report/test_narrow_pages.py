@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from datetime import UTC, datetime
 from pathlib import Path
@@ -64,3 +65,22 @@ def test_a_page_is_as_wide_as_a_phone(
 def test_each_class_of_edits_is_explained() -> None:
     """Readers of the evidence page saw "along rays" and "bump" without a word about them."""
     assert set(EDIT_MEANINGS) == set(EDITS)
+
+
+def luminance(color: str) -> float:
+    """Relative luminance by WCAG 2."""
+    share = np.array([int(color[i : i + 2], 16) for i in (1, 3, 5)]) / 255
+    linear = np.where(share <= 0.04045, share / 12.92, ((share + 0.055) / 1.055) ** 2.4)
+    return float(linear @ [0.2126, 0.7152, 0.0722])
+
+
+def test_faint_text_can_be_read_on_each_background() -> None:
+    style = (Path(report.__file__).parent / "templates" / "style.css").read_text()
+    for theme in style.split("prefers-color-scheme: dark")[:2]:
+        faint, *grounds = (
+            luminance(re.findall(rf"--{name}: ?(#\w{{6}})", theme)[0])
+            for name in ("faint", "paper", "raised")
+        )
+        for ground in grounds:
+            darker, lighter = sorted((faint, ground))
+            assert (lighter + 0.05) / (darker + 0.05) >= 4.5
