@@ -21,8 +21,15 @@ def as_html(text: str) -> str:
 
 def html_table(heads: Iterable[str], rows: Iterable[Sequence[str]]) -> str:
     """Return a table of texts; pages of a narrow screen scroll what has the class ``wide``."""
-    head = "".join(f"<th>{as_html(name)}</th>" for name in heads)
+    names = list(heads)
+    head = "".join(f"<th>{as_html(name)}</th>" for name in names)
     body = "\n".join(
         "<tr>" + "".join(f"<td>{as_html(cell)}</td>" for cell in row) + "</tr>" for row in rows
     )
-    return f'<div class="wide"><table>\n<tr>{head}</tr>\n{body}\n</table></div>'
+    return wide(", ".join(names), f"<table>\n<tr>{head}</tr>\n{body}\n</table>")
+
+
+def wide(name: str, content: str) -> str:
+    """Return HTML that narrow screens scroll, which the keyboard reaches; ``name`` says what."""
+    label = html.escape(legible(name))
+    return f'<div class="wide" tabindex="0" role="region" aria-label="{label}">{content}</div>'

@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from datetime import date, datetime, timedelta
 
 from manip3d._util.checked import checked
-from manip3d._util.html import Html, as_html, html_table
+from manip3d._util.html import Html, as_html, html_table, wide
 from manip3d._util.paths import path_of, refuse_existing
 from manip3d._util.texts import legible
 from manip3d.diary._clips import film
@@ -279,7 +279,7 @@ def _page(
         f"({done.share:.0%}) up to day {done.days}, {done.partial} more in part. Days with a game: "
         f"{done.days_played}.{_left_out(done.simulated)}</p>",
         "<h2>Pain before and after each session</h2>",
-        f'<div class="wide">{pain_chart(real, person.enrolled)}</div>',
+        wide("Pain before and after each session", pain_chart(real, person.enrolled)),
         *_ratings_apart(diary, identifier, sessions),
         "<h2>Trends</h2>",
         _trends(diary, person, real),
