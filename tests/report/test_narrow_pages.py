@@ -59,6 +59,8 @@ def test_a_page_is_as_wide_as_a_phone(
             ": addEventListener('load', () => done()))"
         )
         assert tab.evaluate("document.body.innerText.length") > 100
+        if write is pages_of_a_diary:
+            assert tab.evaluate("document.querySelectorAll('main').length") == 1
         assert tab.evaluate("document.documentElement.scrollWidth") == 390
 
 
