@@ -223,6 +223,17 @@ def test_any_scale_and_place(scale: float, up: str) -> None:
 
 
 @draws
+@pytest.mark.parametrize("scale", [1e-150, 1e-30, 1e30])
+def test_extreme_sizes_look_like_any_other(scale: float) -> None:
+    bend = np.array([[0, 0, 0], [0, 0, 1], [0, 0, 0], [0, 0, 0]])
+    bent = square().replace(vertices=square().vertices + bend)
+    scaled = bent.replace(vertices=bent.vertices * scale)
+    options = {"size": (80, 60), "background": WHITE, "boundary": True}
+    image = picture(scaled, **options).astype(int)
+    np.testing.assert_allclose(image, picture(bent, **options), atol=3)
+
+
+@draws
 @pytest.mark.parametrize(
     "mesh",
     [

@@ -56,6 +56,7 @@ def draw(thing: Mesh | DrawnPoints, camera: Camera, style: Style) -> Image:
                 thing, camera = _near_zero(thing, camera)
                 _add_points(plotter, thing, camera, height)
             elif thing.num_faces:
+                thing, camera = _at_unit_size(thing, camera)
                 _add_mesh(plotter, thing, style)
                 if style.boundary:
                     _add_boundary(plotter, thing)
@@ -200,6 +201,21 @@ def _add_boundary(plotter: Any, mesh: Mesh) -> None:
     # Draw the lines in front of adjacent faces, which would otherwise hide half of their pixels.
     actor.GetMapper().SetResolveCoincidentTopologyToPolygonOffset()
     actor.GetMapper().SetRelativeCoincidentTopologyLineOffsetParameters(-2.0, -2.0)
+
+
+def _at_unit_size(mesh: Mesh, camera: Camera) -> tuple[Mesh, Camera]:
+    """Map mesh and camera to the origin and unit size, because VTK cuts away what is tiny."""
+    from manip3d.viewer.page import Placement
+
+    place = Placement.of(mesh)
+    seen = replace(
+        camera,
+        position=place(camera.position),
+        target=place(camera.target),
+        near=camera.near * place.scale,
+        far=camera.far * place.scale,
+    )
+    return mesh.replace(vertices=place(mesh.vertices)), seen
 
 
 def _near_zero(cloud: DrawnPoints, camera: Camera) -> tuple[DrawnPoints, Camera]:
