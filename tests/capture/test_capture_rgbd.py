@@ -848,6 +848,24 @@ def test_other_names_of_folders_of_colours(name: str, tmp_path: Path) -> None:
         np.testing.assert_array_equal(frame.color, COLOR + np.uint8(i))
 
 
+@pytest.mark.parametrize("name", ["image", "images"])
+@pytest.mark.parametrize("pictures", [["a.png"], ["broken.jpg"], [f"{i}.png" for i in range(5)]])
+def test_pictures_of_a_general_name_need_not_be_colours(
+    pictures: list[str], name: str, tmp_path: Path
+) -> None:
+    """Only folders that are named after colours hold nothing else."""
+    images(tmp_path, "depth", 3, DEPTH)
+    (tmp_path / name).mkdir()
+    for each in pictures:
+        Image.fromarray(COLOR).save(tmp_path / name / each)
+    with pytest.warns(UserWarning, match=f"no colour: pictures in {name} are left out, since"):
+        frames = list(opened(tmp_path, camera=CAMERA))
+    assert [frame.color for frame in frames] == [None] * 3
+    (tmp_path / name).rename(tmp_path / "color")
+    with pytest.raises(FormatError, match="a colour image of the same number"):
+        opened(tmp_path, camera=CAMERA)
+
+
 def test_pictures_beside_depth_that_are_left_out_are_told(tmp_path: Path) -> None:
     """Grey images may be masks or confidences, which nobody takes for colours."""
     images(tmp_path, "depth", 1, DEPTH)

@@ -197,15 +197,6 @@ ImageList listed_images(const fs::path& folder, ImageKind kind) {
   return list;
 }
 
-ImageList listed_color_images(const fs::path& folder) {
-  // The last two are the names of SUN3D and Polycam.
-  for (const char* name : {"color", "colour", "rgb", "image", "images"}) {
-    auto list = listed_images(folder / name, ImageKind::kColor);
-    if (!list.paths.empty()) return list;
-  }
-  return {};
-}
-
 /// Times in whole microseconds, as those of colors_of_frames in Python, which pairs by the same
 /// rule.
 std::vector<TimedFile> in_microseconds(std::vector<TimedFile> files) {
@@ -247,6 +238,41 @@ std::vector<std::int64_t> partners_of(const ImageList& depth, const ImageList& c
   return pair_by_time(in_microseconds(depth.times), in_microseconds(color.times));
 }
 
+/// Colour images, and the index of each depth image's among them, or -1.
+struct ColorImages {
+  std::vector<fs::path> paths;
+  std::vector<std::int64_t> partner;
+};
+
+/// The colour images of a folder; no paths: it has none.
+/// @throws FormatError  it is not known which depth images they belong to.
+ColorImages paired_colors(const fs::path& folder, const ImageList& depth) {
+  ImageList list = listed_images(folder, ImageKind::kColor);
+  if (list.paths.empty()) return {};
+  std::vector<std::int64_t> partner = partners_of(depth, list);
+  return {std::move(list.paths), std::move(partner)};
+}
+
+ColorImages colors_of(const fs::path& folder, const ImageList& depth) {
+  for (const char* name : {"color", "colour", "rgb"}) {
+    if (ColorImages colors = paired_colors(folder / name, depth); !colors.paths.empty()) {
+      return colors;
+    }
+  }
+  // SUN3D and Polycam name their colour images so. Elsewhere folders of these names hold any
+  // pictures, which must not keep the depth images from being read.
+  for (const char* name : {"image", "images"}) {
+    try {
+      if (ColorImages colors = paired_colors(folder / name, depth); !colors.paths.empty()) {
+        return colors;
+      }
+    } catch (const FormatError&) {
+      continue;
+    }
+  }
+  return {};
+}
+
 /// Numbers and times of the depth images' frames. Names that are no times are evenly spaced, except
 /// for gaps where frame numbers are missing.
 std::vector<FrameFiles> frames_of(const ImageList& depth, double rate) {
@@ -281,12 +307,11 @@ ImageFrames::Listing plain_frames(const fs::path& folder, double rate) {
   const double assumed_rate = rate > 0.0 ? rate : kFolderRate;
   std::vector<FrameFiles> frames = frames_of(depth, assumed_rate);
   Counters counters;
-  if (const ImageList color = listed_color_images(folder); !color.paths.empty()) {
-    const std::vector<std::int64_t> partner = partners_of(depth, color);
+  if (const ColorImages colors = colors_of(folder, depth); !colors.paths.empty()) {
     for (std::size_t i = 0; i < frames.size(); ++i) {
-      if (partner[i] >= 0) frames[i].color.path = color.paths[partner[i]];
+      if (colors.partner[i] >= 0) frames[i].color.path = colors.paths[colors.partner[i]];
     }
-    counters.emplace_back("without_color", std::ranges::count(partner, -1));
+    counters.emplace_back("without_color", std::ranges::count(colors.partner, -1));
   }
   const std::int64_t count = std::ssize(frames);
   const auto list = [frames = std::move(frames)](std::int64_t index, FrameFiles& files) {

@@ -38,7 +38,7 @@ def pictures_left_out(folder: Path) -> str:
         return ""
     return (
         f"{folder}: frames have no colour: pictures in {', '.join(others)} are left out, since "
-        f"colour images are expected in {_COLOR_FOLDERS}"
+        f"colour images are expected in {_COLOR_FOLDERS}, with the times or numbers of depth images"
     )
 
 

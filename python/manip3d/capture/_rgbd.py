@@ -154,8 +154,9 @@ def open_rgbd(
     turn. If the background has no colour, no frame has.
 
     A folder of images has depth images in ``depth`` and, optionally, colour images in ``color``,
-    ``colour``, ``rgb``, ``image`` or ``images``. Colour pictures in other folders are warned of if
-    there are none in these.
+    ``colour``, ``rgb``, ``image`` or ``images``. The last two names may stand for any pictures, so
+    that those that cannot be paired with depth images are left out. Colour pictures that are left
+    out, also those in other folders, are warned of if no frame has colour.
 
     - Names that are times (in seconds with a fraction, or in smaller units since 1970) are the
       times of the frames, and images at most 0.02 s apart are paired, as in a TUM sequence; it is
