@@ -1032,15 +1032,18 @@ def test_binary_ply_errors_name_the_byte() -> None:
     assert (caught.byte_offset, caught.reason) == (body + 24, "x: expected a finite number")
 
 
+@pytest.mark.parametrize("absent", [(np.nan, 0.0, np.nan), (np.inf, 0.0, -np.inf)])
 @pytest.mark.parametrize("encoding", PLY_FORMATS)
-def test_ply_vertices_that_no_face_uses_may_have_no_position(encoding: str, tmp_path: Path) -> None:
+def test_ply_vertices_that_no_face_uses_may_have_no_position(
+    encoding: str, absent: tuple[float, float, float], tmp_path: Path
+) -> None:
     """Programs that mesh a depth image write one vertex per pixel, measured or not."""
     names = "".join(f"property float {name}\n" for name in ("x", "y", "z", "nx", "ny", "nz"))
     names += "".join(f"property uchar {name}\n" for name in ("red", "green", "blue"))
     header = f"element vertex 7\n{names}element face 2\nproperty list uchar int vertex_indices\n"
     rows: list[list[tuple[str, float | list[float]]]] = []
     for i, point in enumerate([None, *POINTS[:2], None, *POINTS[2:], None]):
-        values = [("float", v) for v in (point or (np.nan, 0.0, np.nan))]
+        values = [("float", v) for v in (point or absent)]
         rows.append([*values, *[("float", v) for v in (0, 0, i)], *[("uchar", i)] * 3])
     faces: list[list[tuple[str, float | list[float]]]] = [
         [("uchar int", [1, 2, 4, 5])], [("uchar int", [1, 2, 4])],
@@ -1062,6 +1065,15 @@ def test_ply_vertices_that_no_face_uses_may_have_no_position(encoding: str, tmp_
     assert mesh.normals is not None
     assert mesh.face_normals is not None
     assert mesh.normals[mesh.face_normals[2], 2].tolist() == [1.0, 2.0, 4.0]
+
+
+@pytest.mark.parametrize("word", ["inf", "-inf", "+Inf", "INFINITY", "-Infinity", "-nan"])
+def test_ascii_ply_names_values_that_are_not_finite_as_programs_do(word: str) -> None:
+    four = PLY_HEAD.replace("vertex 3", "vertex 4")
+    text = f"{four}{PLY_FACE}{PLY_BODY}0 {word} 0\n"
+    assert read_mesh_bytes((text + "3 0 1 2\n").encode(), "ply").num_vertices == 3
+    assert error(text + "3 0 1 3\n", "ply").reason == "y: expected a finite number"
+    assert error(text.replace(word, word + "x") + "3 0 1 2\n", "ply").reason.startswith("y: ")
 
 
 def test_ply_may_be_named_in_capitals(tmp_path: Path) -> None:

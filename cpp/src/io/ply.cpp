@@ -106,12 +106,12 @@ class RowReader {
     return role == kTexcoord ? &texcoord : nullptr;
   }
 
-  // Reads an element from a line, as in Turk's original format.
   /// Normals and texture coordinates do not change the surface; vertices may lack a position.
-  static bool may_be_nan(Role role) {
+  static bool may_be_not_finite(Role role) {
     return (role >= kX && role <= kNz) || role == kS || role == kT;
   }
 
+  // Reads an element from a line, as in Turk's original format.
   void read_line(const Element& element) {
     std::string_view line;
     do {
@@ -125,7 +125,7 @@ class RowReader {
         read_list(cursor, p);
       } else if (p.role == kSkip) {
         if (cursor.word().empty()) cursor.fail(p.name.c_str(), "a value");
-      } else if (may_be_nan(p.role) && cursor.take_nan()) {
+      } else if (may_be_not_finite(p.role) && (cursor.take_nan() || cursor.take_infinity())) {
         scalars[p.role] = std::numeric_limits<double>::quiet_NaN();
       } else {
         scalars[p.role] = cursor.number(p.name.c_str());

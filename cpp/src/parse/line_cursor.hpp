@@ -40,19 +40,11 @@ class LineCursor {
   }
 
   /// Takes a word that stands for NaN, such as nan, -nan(ind) or NaN; false: the next is another.
-  bool take_nan() {
-    skip_blanks();
-    const char* start = at_;
-    if (start < end_ && (*start == '+' || *start == '-')) ++start;
-    if (start == end_ || (*start != 'n' && *start != 'N')) return false;
-    double value = 0.0;
-    const auto [stop, error] = std::from_chars(start, end_, value);
-    if (error != std::errc() || (stop < end_ && !is_blank(*stop)) || !std::isnan(value)) {
-      return false;
-    }
-    at_ = stop;
-    return true;
-  }
+  bool take_nan() { return take_not_finite('n'); }
+
+  /// Takes a word that stands for an infinity, such as inf or -Infinity; false: the next is
+  /// another.
+  bool take_infinity() { return take_not_finite('i'); }
 
   /// Reads a finite number. Numbers are separated by blanks, so that a comma within one is a
   /// decimal comma.
@@ -109,6 +101,21 @@ class LineCursor {
  private:
   void skip_blanks() {
     while (at_ < end_ && is_blank(*at_)) ++at_;
+  }
+
+  /// Takes a word for a value that is not finite and whose name begins with this small letter.
+  bool take_not_finite(char letter) {
+    skip_blanks();
+    const char* start = at_;
+    if (start < end_ && (*start == '+' || *start == '-')) ++start;
+    if (start == end_ || (*start != letter && *start != letter - 'a' + 'A')) return false;
+    double value = 0.0;
+    const auto [stop, error] = std::from_chars(start, end_, value);
+    if (error != std::errc() || (stop < end_ && !is_blank(*stop)) || std::isfinite(value)) {
+      return false;
+    }
+    at_ = stop;
+    return true;
   }
 
   double with_decimal_comma(const char* start, const char* what) {
