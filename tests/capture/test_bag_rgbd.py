@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import io
 import json
+import sqlite3
 import struct
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -24,6 +26,7 @@ PIL_Image = pytest.importorskip("PIL.Image", reason="the extra 'io' is not insta
 
 from rosbags import rosbag2  # noqa: E402
 
+import ros_bags  # noqa: E402
 from ros_bags import (  # noqa: E402
     COLORS,
     COMPRESSED,
@@ -31,6 +34,7 @@ from ros_bags import (  # noqa: E402
     INFO,
     PROJECTION,
     SDK_START_NS,
+    TEXT,
     TRANSFORMS,
     TYPES,
     camera_info,
@@ -530,6 +534,69 @@ def test_recordings_of_a_realsense_for_ros_2(is_packed: bool, tmp_path: Path) ->
     turn = [[c, 0, -s], [0, 1, 0], [s, 0, c]]
     np.testing.assert_allclose(registration.rotation, turn, atol=1e-12)
     np.testing.assert_allclose(registration.translation, [0.015, -0.02, 0.0], atol=1e-12)
+
+
+def altered(path: Path, topic: str, number: int, alter: Callable[[bytes], bytes]) -> str:
+    """Alter a message of a ``.db3``; return the recording's address."""
+    with contextlib.closing(sqlite3.connect(path)) as database, database:
+        find = (
+            "SELECT messages.id, data FROM messages JOIN topics ON topic_id = topics.id "
+            "WHERE name = ? ORDER BY timestamp LIMIT 1 OFFSET ?"
+        )
+        row, data = database.execute(find, (topic, number)).fetchone()
+        database.execute("UPDATE messages SET data = ? WHERE id = ?", (alter(data), row))
+    return f"rgbd-bag:{path}"
+
+
+def torn(data: bytes) -> bytes:
+    return data[: len(data) // 2]
+
+
+REALSENSE_DEPTH = "/device_0/sensor_0/Depth_0/image"
+
+
+@pytest.mark.parametrize("number", [0, 1, 2])
+@pytest.mark.parametrize("is_packed", [True, False])
+def test_a_torn_image_of_a_realsense_is_one_lost_frame(
+    is_packed: bool, number: int, tmp_path: Path
+) -> None:
+    path = realsense_ros2(tmp_path / "a", is_packed=is_packed, units=(0.0001,) * 3)
+    topic = f"{REALSENSE_DEPTH}/data" + ("" if is_packed else "/compressedDepth")
+    source = capture.open_rgbd(altered(path, topic, number, torn))
+    whole = [each for each in range(3) if each != number]
+    frames = [frame for frame in source.past_errors() if frame]
+    assert [frame.number for frame in frames] == whole
+    assert [frame.time_ns for frame in frames] == [SDK_START_NS + each * 10**8 for each in whole]
+    for frame in frames:
+        assert np.array_equal(frame.color, colors(frame.number))  # type: ignore[arg-type]
+    assert list(source.errors) == [number]
+    with pytest.raises(FormatError, match=f"frame {number}: {topic}: it cannot be decoded"):
+        source[number]
+
+
+def test_a_torn_colour_image_of_a_realsense_leaves_the_depth(tmp_path: Path) -> None:
+    path = realsense_ros2(tmp_path / "a", is_packed=True, units=(0.0001,) * 3)
+    source = capture.open_rgbd(altered(path, "/device_0/sensor_1/Color_0/image/data", 1, torn))
+    assert [frame.color is None for frame in source] == [False, True, False]
+    assert source.counters["without_color"] == 1
+
+
+def test_a_torn_text_of_a_realsense_ends_nothing(tmp_path: Path) -> None:
+    path = realsense_ros2(tmp_path / "a", is_packed=True, units=(0.0001,) * 3)
+    source = capture.open_rgbd(altered(path, f"{REALSENSE_DEPTH}/metadata", 1, torn))
+    for number, frame in enumerate(source):
+        assert np.array_equal(frame.depth, np.rint(millimetres(number) / 10.0))
+
+
+@pytest.mark.parametrize("unit", ["1e-320", "1e-7", "2", "inf", "nan", "-0.001"])
+def test_a_depth_unit_that_no_camera_has_is_not_taken(unit: str, tmp_path: Path) -> None:
+    def stating(_: bytes) -> bytes:
+        text = TYPES.types[TEXT](f"timestamp=1.7e12;depth_units={unit};")
+        return ros_bags.packed(bytes(TYPES.serialize_cdr(text, TEXT)))
+
+    path = realsense_ros2(tmp_path / "a", is_packed=True)
+    (frame,) = capture.open_rgbd(altered(path, f"{REALSENSE_DEPTH}/metadata", 0, stating))
+    assert np.array_equal(frame.depth, np.rint(millimetres(0) / 10.0))
 
 
 @pytest.mark.parametrize("is_packed", [True, False])

@@ -56,7 +56,7 @@ TRANSFORMS = "tf2_msgs/msg/TFMessage"
 TRANSFORM = "geometry_msgs/msg/Transform"
 NUMBER = "std_msgs/msg/Float32"
 TEXT = "std_msgs/msg/String"
-REALSENSE_TEXT = re.compile(r"/(camera_info|tf/[^/]+|option/Depth[ _]Units/value)$")
+REALSENSE_TEXT = r"/(camera_info|tf/[^/]+|option/Depth[ _]Units/value)$"
 """Topics of the texts in which RealSense's recorder for ROS 2 states cameras, poses and units."""
 REALSENSE_PACKED = re.compile(r"(\w+); zstd; (\d{1,5})x(\d{1,5}) step=(\d{1,6})")
 """Format of the images that this recorder compresses by zstd, with width, height and step."""
@@ -173,6 +173,17 @@ class Bag:
             raw = _unpacked(raw)
         return _types("ROS2_HUMBLE").deserialize_cdr(raw, connection.msgtype)
 
+    def readable(self, connections: list[Any]) -> Iterator[tuple[int, Any]]:
+        """Yield time and content of the messages that can be decoded."""
+        for connection, time, raw in self.messages(connections=connections) if connections else ():
+            try:
+                message = self.read(connection, raw)
+            except MemoryError:
+                raise
+            except Exception:  # rosbags raises various types for damaged messages
+                continue
+            yield int(time), message
+
     def metadata(self, topic: str, received: int) -> dict[str, Any]:
         """Return ``stamp_ns`` and ``unit`` of a RealSense's image in a ROS 2 bag, if it has them.
 
@@ -189,8 +200,7 @@ class Bag:
                 if each.msgtype == TEXT and each.topic == f"{stream}/image/metadata"
             ]
             self._metadata[stream] = {
-                int(time): _metadata(self.read(connection, raw).data)
-                for connection, time, raw in (self.messages(connections=wanted) if wanted else ())
+                time: _metadata(text.data) for time, text in self.readable(wanted)
             }
         return self._metadata[stream].get(int(received), {})
 
@@ -325,7 +335,7 @@ def _write_images(bag: Bag, out: BinaryIO) -> None:
     """Write the list of cameras, then the pictures of the topics that the caller selects."""
     wanted = _chosen(bag, out, _cameras(bag, "") | _rgbd(bag))
     for each in bag.messages(connections=wanted) if wanted else ():
-        _message(out, *_picture(bag, each))
+        _message(out, *_decoded(bag, each))
 
 
 def _chosen(bag: Bag, out: BinaryIO, cameras: dict[str, Any]) -> list[Any]:
@@ -359,12 +369,15 @@ def _cameras(bag: Bag, lidar: str) -> dict[str, Any]:
     return {"pictures": sorted(names), "infos": infos, "transforms": transforms, "lidar": lidar}
 
 
-def _first_ones(bag: Bag, *kinds: str) -> Iterator[tuple[str, Any]]:
-    """Yield topic and first message of each connection whose message type is one of ``kinds``."""
+def _first_ones(bag: Bag, *kinds: str, topics: str = "") -> Iterator[tuple[str, Any]]:
+    """Yield topic and first readable message of each connection of one of the message types.
+
+    The topics match the regular expression ``topics``: others are not read.
+    """
     for connection in bag.connections:
-        if connection.msgtype in kinds:
-            for _, _, raw in bag.messages(connections=[connection]):
-                yield connection.topic, bag.read(connection, raw)
+        if connection.msgtype in kinds and re.search(topics, connection.topic):
+            for _, message in bag.readable([connection]):
+                yield connection.topic, message
                 break
 
 
@@ -378,20 +391,18 @@ def _rgbd(bag: Bag) -> dict[str, Any]:
     for topic, first in _first_ones(bag, IMAGE, COMPRESSED):
         connections = [each for each in bag.connections if each.topic == topic]
         headers = _first_headers(bag, connections)
-        layout, _ = _pixels(first)
+        layout = headers[0] if headers else {}
         images[topic] = {
             "frame_id": first.header.frame_id,
             **{name: layout.get(name, "") for name in ("encoding", "format")},
-            "unit": headers[0].get("unit", 0.0) if headers else 0.0,
+            "unit": layout.get("unit", 0.0),
             "count": sum(each.msgcount for each in connections),
             "period_ns": _period_ns(headers),
         }
     numbers = {topic: float(first.data) for topic, first in _first_ones(bag, NUMBER)}
     poses = {topic: _pose(first) for topic, first in _first_ones(bag, TRANSFORM)}
     texts = {
-        topic: str(first.data)
-        for topic, first in _first_ones(bag, TEXT)
-        if REALSENSE_TEXT.search(topic)
+        topic: str(first.data) for topic, first in _first_ones(bag, TEXT, topics=REALSENSE_TEXT)
     }
     return {"images": images, "numbers": numbers, "poses": poses, "texts": texts}
 

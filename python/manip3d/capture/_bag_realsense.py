@@ -24,6 +24,10 @@ _MOST_SKEW = 1e-4
 """Largest deviation of a rotation's product with its transpose from the identity; texts have six
 digits after the point."""
 
+_FEWEST_UNITS, _MOST_UNITS = 1.0, 1e6
+"""Limits of the depth units of a metre: 16 bits of smaller or larger ones hold no distances of
+rooms and people, so that another unit is damage."""
+
 
 def without_transport(topic: str) -> str:
     """Return a topic of pictures without the name of the transport that compressed them."""
@@ -68,9 +72,10 @@ def per_metre(unit: float) -> float:
 
     The result is rounded because the unit is stored as a float32.
     """
-    if not (unit > 0.0 and math.isfinite(unit)):
+    if not unit > 0.0:
         return 0.0
-    return float(np.rint(1.0 / unit * 1000.0) / 1000.0)
+    units = float(np.rint(1.0 / unit * 1000.0) / 1000.0)
+    return units if _FEWEST_UNITS <= units <= _MOST_UNITS else 0.0
 
 
 def relative_pose(found: Mapping[str, Any], color: str, depth: str) -> NDArray[np.float64] | None:

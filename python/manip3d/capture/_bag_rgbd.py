@@ -11,13 +11,13 @@ from contextlib import closing
 from dataclasses import astuple, dataclass
 from itertools import islice, takewhile
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
 from manip3d._util.callers import caller_level
 from manip3d.camera import Intrinsics, Registration
-from manip3d.capture._bag import BagPicture, BagRecording
+from manip3d.capture._bag import BagMessage, BagPicture, BagRecording, UnreadPicture
 from manip3d.capture._bag_pictures import (
     COLOR_ENCODINGS,
     GREY_ENCODINGS,
@@ -65,6 +65,9 @@ _MAX_WAITING_BYTES = 1 << 28
 _PNG_HEADER = struct.Struct("<iff")
 """Header of compressedDepth: format code, then A and B of the stored value A / z + B (z in
 metres)."""
+
+_Pair: TypeAlias = tuple[BagPicture, BagPicture | None]
+"""A depth image and its colour image."""
 
 
 @dataclass(frozen=True)
@@ -128,15 +131,21 @@ class BagImages:
         """Number of frames without colour since the last iteration began, if others may have it."""
         return {"without_color": self._without_color} if self._color else {}
 
-    def _pairs(self) -> Iterator[tuple[BagPicture, BagPicture | None]]:
+    def _pairs(self) -> Iterator[_Pair | UnreadPicture]:
         topics = [self._depth] + ([self._color] if self._color else [])
+        unread = _UnreadDepth(self._depth)
         with closing(BagRecording(self._path, "", mode="images")) as bag:
             bag.cameras()
-            pictures = (each for each in bag.messages(topics) if isinstance(each, BagPicture))
-            yield from _paired(pictures, self._depth, self._color, self._apart_ns)
+            pictures = unread.left_out_of(bag.messages(topics))
+            pairs = _paired(pictures, self._depth, self._color, self._apart_ns)
+            yield from unread.put_between(pairs)
 
-    def _decoded(self, numbered: tuple[int, tuple[BagPicture, BagPicture | None]]) -> RgbdFrame:
-        number, (depth, color) = numbered
+    def _decoded(self, numbered: tuple[int, _Pair | UnreadPicture]) -> RgbdFrame:
+        number, pair = numbered
+        if isinstance(pair, UnreadPicture):
+            reason = f"frame {number}: {pair.topic}: {pair.reason}"
+            raise FormatError(reason, file=str(self._path))
+        depth, color = pair
         try:
             frame = RgbdFrame(
                 self._millimetres(depth),
@@ -410,9 +419,46 @@ def _most_apart_ns(found: Mapping[str, Any], color: str) -> int:
     return min(max(period // 2, _LEAST_APART_NS), _MOST_APART_NS)
 
 
+class _UnreadDepth:
+    """Depth images that cannot be decoded: frames without an image, so that no loss is silent.
+
+    Attributes
+    ----------
+    unread : deque of (int, UnreadPicture)
+        The images that have arrived, with their numbers among all depth images of the recording.
+    """
+
+    def __init__(self, depth: str) -> None:
+        self._depth = depth
+        self.unread: deque[tuple[int, UnreadPicture]] = deque()
+
+    def left_out_of(self, messages: Iterator[BagMessage]) -> Iterator[BagPicture]:
+        """Yield the other pictures, and note the unread depth images."""
+        number = 0
+        for each in messages:
+            if isinstance(each, UnreadPicture) and each.topic == self._depth:
+                self.unread.append((number, each))
+                number += 1
+            elif isinstance(each, BagPicture):
+                number += each.header["picture"] == self._depth
+                yield each
+
+    def put_between(self, pairs: Iterator[_Pair]) -> Iterator[_Pair | UnreadPicture]:
+        """Yield the pairs of the other depth images, and each noted image at its number."""
+        number = 0
+        for pair in pairs:
+            while self.unread and self.unread[0][0] == number:
+                yield self.unread.popleft()[1]
+                number += 1
+            yield pair
+            number += 1
+        for _, each in self.unread:
+            yield each
+
+
 def _paired(
     pictures: Iterator[BagPicture], depth: str, color: str, apart_ns: int
-) -> Iterator[tuple[BagPicture, BagPicture | None]]:
+) -> Iterator[_Pair]:
     """Yield each depth image with the colour image of the nearest stamp, which no other one gets.
 
     A depth image waits until a colour image of the same time or later and the next depth image have
@@ -421,7 +467,7 @@ def _paired(
     waiting: deque[BagPicture] = deque()
     colors: deque[BagPicture] = deque()
 
-    def matched() -> tuple[BagPicture, BagPicture | None]:
+    def matched() -> _Pair:
         image = waiting.popleft()
         now = _stamp(image)
         following = _stamp(waiting[0]) if waiting else now
