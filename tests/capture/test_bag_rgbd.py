@@ -581,11 +581,16 @@ def test_a_torn_colour_image_of_a_realsense_leaves_the_depth(tmp_path: Path) -> 
     assert source.counters["without_color"] == 1
 
 
-def test_a_torn_text_of_a_realsense_ends_nothing(tmp_path: Path) -> None:
+def test_a_torn_text_of_a_realsense_is_one_lost_frame(tmp_path: Path) -> None:
+    """Without the text, the time of its image would be that of another clock."""
     path = realsense_ros2(tmp_path / "a", is_packed=True, units=(0.0001,) * 3)
     source = capture.open_rgbd(altered(path, f"{REALSENSE_DEPTH}/metadata", 1, torn))
-    for number, frame in enumerate(source):
-        assert np.array_equal(frame.depth, np.rint(millimetres(number) / 10.0))
+    assert [frame and frame.time_ns for frame in source.past_errors()] == [
+        SDK_START_NS,
+        None,
+        SDK_START_NS + 200_000_000,
+    ]
+    assert "the text that states its time and unit is damaged" in source.errors[1]
 
 
 @pytest.mark.parametrize("unit", ["1e-320", "1e-7", "2", "inf", "nan", "-0.001"])

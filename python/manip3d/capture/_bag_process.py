@@ -161,7 +161,7 @@ class Bag:
         self.connections = [each for each in named if _encoding(each) in ("ros1", "cdr")]
         self.kinds = sorted({each.msgtype for each in named})
         self.messages = bag.messages
-        self._metadata: dict[str, dict[int, dict[str, Any]]] = {}
+        self._metadata: dict[str, dict[int, dict[str, Any] | None]] = {}
 
     def read(self, connection: Any, raw: bytes) -> Any:
         """Return a message decoded."""
@@ -173,15 +173,15 @@ class Bag:
             raw = _unpacked(raw)
         return _types("ROS2_HUMBLE").deserialize_cdr(raw, connection.msgtype)
 
-    def readable(self, connections: list[Any]) -> Iterator[tuple[int, Any]]:
-        """Yield time and content of the messages that can be decoded."""
+    def read_all(self, connections: list[Any]) -> Iterator[tuple[int, Any]]:
+        """Yield time and content of each message; None instead of one that cannot be decoded."""
         for connection, time, raw in self.messages(connections=connections) if connections else ():
             try:
                 message = self.read(connection, raw)
             except MemoryError:
                 raise
             except Exception:  # rosbags raises various types for damaged messages
-                continue
+                message = None
             yield int(time), message
 
     def metadata(self, topic: str, received: int) -> dict[str, Any]:
@@ -200,9 +200,13 @@ class Bag:
                 if each.msgtype == TEXT and each.topic == f"{stream}/image/metadata"
             ]
             self._metadata[stream] = {
-                time: _metadata(text.data) for time, text in self.readable(wanted)
+                time: None if text is None else _metadata(text.data)
+                for time, text in self.read_all(wanted)
             }
-        return self._metadata[stream].get(int(received), {})
+        found = self._metadata[stream].get(int(received), {})
+        if found is None:  # the image's own stamp is of another clock
+            raise ValueError("the text that states its time and unit is damaged")
+        return found
 
 
 def _encoding(connection: Any) -> str:
@@ -376,9 +380,10 @@ def _first_ones(bag: Bag, *kinds: str, topics: str = "") -> Iterator[tuple[str, 
     """
     for connection in bag.connections:
         if connection.msgtype in kinds and re.search(topics, connection.topic):
-            for _, message in bag.readable([connection]):
-                yield connection.topic, message
-                break
+            for _, message in bag.read_all([connection]):
+                if message is not None:
+                    yield connection.topic, message
+                    break
 
 
 def _rgbd(bag: Bag) -> dict[str, Any]:
