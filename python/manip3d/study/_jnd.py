@@ -765,7 +765,8 @@ def make_jnd_stimuli(
         A mesh cannot be read, or the folder cannot be written.
     """
     from manip3d.io._files import atomic_folder
-    from manip3d.viewer.page import Placement, placed_glb
+    from manip3d.viewer._placement import Placement
+    from manip3d.viewer.page import placed_glb
 
     if study.stimuli is None or study.base is None:
         raise InputError("study: expected a study that was read from a file")

@@ -12,6 +12,7 @@ import numpy as np
 from manip3d._util.extras import imported
 from manip3d.errors import Error, MissingExtraError, RenderError
 from manip3d.mesh import Mesh
+from manip3d.viewer._placement import Placement
 from manip3d.viewer.points import DrawnPoints
 from manip3d.viewer.renderers import egl_window
 from manip3d.viewer.scene import (
@@ -205,8 +206,6 @@ def _add_boundary(plotter: Any, mesh: Mesh) -> None:
 
 def _at_unit_size(mesh: Mesh, camera: Camera) -> tuple[Mesh, Camera]:
     """Map mesh and camera to the origin and unit size, because VTK cuts away what is tiny."""
-    from manip3d.viewer.page import Placement
-
     place = Placement.of(mesh)
     seen = replace(
         camera,

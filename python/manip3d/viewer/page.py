@@ -12,7 +12,7 @@ import sys
 import tempfile
 import webbrowser
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -26,6 +26,7 @@ from manip3d.errors import InputError, MissingExtraError, RenderError
 from manip3d.io import write_mesh
 from manip3d.io._files import atomic_write
 from manip3d.mesh import Material, Mesh, Texture
+from manip3d.viewer._placement import Placement
 from manip3d.viewer.legend import end_texts, number
 from manip3d.viewer.pictures import comparison, picture, png_bytes
 from manip3d.viewer.points import RAMP, Classes, Colors, Column, DrawnPoints, Scale
@@ -97,26 +98,6 @@ def document(title: str, page: dict[str, Any]) -> str:
 
 def _base64(content: bytes) -> str:
     return base64.b64encode(content).decode("ascii")
-
-
-@dataclass(frozen=True)
-class Placement:
-    """Map to the origin and to unit size, where float32 and depth buffers are exact."""
-
-    center: Points
-    scale: float
-
-    @classmethod
-    def of(cls, thing: Shown) -> Placement:
-        """Return the placement of ``thing``."""
-        if not (thing.num_faces if isinstance(thing, Mesh) else thing.num_points):
-            return cls(np.zeros(3), 1.0)
-        low, high = thing.bounds
-        diagonal = float(np.linalg.norm(high - low, axis=-1))
-        return cls(0.5 * (low + high), 1.0 / (diagonal or 1.0))
-
-    def __call__(self, points: Points) -> Points:
-        return (points - self.center) * self.scale
 
 
 def _dressed(mesh: Mesh) -> Mesh:
