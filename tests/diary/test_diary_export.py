@@ -127,7 +127,7 @@ def test_some_participants_and_existing_folders(diary: Diary, tmp_path: Path) ->
     folder = tmp_path / "tables"
     export_csv(diary, folder, participants=["P02"])
     assert {row["participant"] for row in rows(folder, "games")} == {"P02"}
-    with pytest.raises(InputError, match=r"--force \(overwrite=True\) replaces it"):
+    with pytest.raises(InputError, match="exists already; overwrite=True replaces it"):
         export_csv(diary, folder)
     export_csv(diary, folder, overwrite=True)
     assert {row["participant"] for row in rows(folder, "games")} == {"P01", "P02"}
@@ -153,7 +153,7 @@ def test_the_page_says_what_the_diary_says_and_runs_nothing(diary: Diary, tmp_pa
     assert 'stroke="#a02b1d"' in text
     assert "<script" not in text
     assert "http" not in text
-    with pytest.raises(InputError, match=r"--force \(overwrite=True\) replaces it"):
+    with pytest.raises(InputError, match="exists already; overwrite=True replaces it"):
         write_page(diary, tmp_path / "P01.html", "P01")
 
 
@@ -302,7 +302,7 @@ def test_films_of_difficulties(diary: Diary, tmp_path: Path) -> None:
     (path,) = export_clips(diary, tmp_path / "films", "P01")
     assert path.read_bytes() == film(clip)
     assert path.name == f"P01-{when:%Y-%m-%d-%H%M}-bubbles-001.webp"
-    with pytest.raises(InputError, match=r"--force \(overwrite=True\) replaces it"):
+    with pytest.raises(InputError, match="exists already; overwrite=True replaces it"):
         export_clips(diary, tmp_path / "films", "P01")
     export_clips(diary, tmp_path / "films", "P01", overwrite=True)
     for others in ("letter.txt", path.name.replace("P01", "P02")):  # films of somebody else, too

@@ -221,7 +221,7 @@ def test_the_overview_shows_who_needs_attention(tmp_path: Path) -> None:
             assert 'href="index.html"' in page
         files = {one.path.name for one in diary.exports("silent")}
         assert files == {"index.html", "participant-silent.html"}
-        with pytest.raises(InputError, match=r"--force \(overwrite=True\) replaces it"):
+        with pytest.raises(InputError, match="exists already; overwrite=True replaces it"):
             write_overview(diary, tmp_path / "pages")
         (tmp_path / "pages" / "notes.txt").write_text("mine")
         with pytest.raises(InputError, match=r"holds other files: notes\.txt"):
