@@ -1,8 +1,9 @@
-"""Tables of HTML pages."""
+"""HTML pages and their tables."""
 
 from __future__ import annotations
 
-from manip3d._util.html import Html, html_table
+from landmarks import assert_accessible
+from manip3d._util.html import Html, html_page, html_table, wide
 
 
 def test_a_table_shows_texts_as_they_are_and_control_characters_as_escapes() -> None:
@@ -14,3 +15,9 @@ def test_a_table_shows_texts_as_they_are_and_control_characters_as_escapes() -> 
         "<tr><td><b>bold</b></td><td>two\nlines</td></tr>\n"
         "</table></div>"
     )
+
+
+def test_a_page_has_landmarks_and_its_title_is_text() -> None:
+    page = html_page("<b> & c", "p{margin:0}", wide('a "b"', "<table></table>"))
+    assert "<title>&lt;b&gt; &amp; c</title><style>p{margin:0}</style>" in page
+    assert_accessible(page)

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from landmarks import assert_accessible
 from manip3d import InputError, LidarFrame, authenticate, report
 from manip3d._util.shares import binomial_tail, clopper_pearson, upper_limit, upper_rate
 from manip3d.authenticate import DetectorReport, Inspection, drive_evidence, likelihood_ratio
@@ -192,6 +193,7 @@ def test_the_page_of_a_drive_has_its_verdict(tmp_path: Path) -> None:
     drive, page = [accused(0.01)] * 5 + [CLEAN] * 95, tmp_path / "drive.html"
     names = [str(k) for k in range(100)]
     report.write_drive_evidence(drive, page, names=names)
+    assert_accessible(page.read_text())
     assert "<h1 class=undecidable>" in page.read_text()
     report.write_drive_evidence(drive, page, names=names, numbers=range(0, 200, 2))
     assert "<h1 class=tampered>" in page.read_text()

@@ -17,6 +17,7 @@ from rich.console import Console
 
 import lattice_scans as scans
 from cave_scans import AHEAD, CAVE, ball
+from landmarks import assert_accessible
 from lattice_scans import reflectances
 from manip3d import FormatError, InputError, LidarFrame, authenticate, io, report, simulate
 from manip3d.authenticate import (
@@ -1728,6 +1729,7 @@ def test_the_evidence_is_one_page_or_json(tmp_path: Path) -> None:
     page, numbers = tmp_path / "evidence.html", tmp_path / "evidence.json"
     report.write_evidence(found, page, source="<b>cave</b>")
     text = page.read_text()
+    assert_accessible(text)
     assert text.count("data:image/png;base64,") == 3  # both detectors' maps, and the regions
     assert "manip3d " in text
     assert "&lt;b&gt;cave" in text

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from landmarks import assert_accessible
 from manip3d import InputError, Intrinsics, RgbdCalibration, RgbdFrame, authenticate, forge, report
 from real_data import RealData
 
@@ -688,6 +689,7 @@ def test_the_page_of_a_stream_without_numbers_marks_the_frames_that_were_forged(
     frames = [replace(sensed(n, soft=n < 4), number=0) for n in range(10)]
     page = tmp_path / "stream.html"
     report.write_stream_evidence(authenticate.inspect_stream(frames), frames, page)
+    assert_accessible(page.read_text())
     assert "stream: judged 10 frames of " in page.read_text()
     captions = re.findall(r"<figcaption>frame (\d+), [^<]*?(pixels inserted)?<", page.read_text())
     assert captions[0] == ("0", "")

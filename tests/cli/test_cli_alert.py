@@ -19,6 +19,7 @@ from typer.testing import CliRunner, Result
 
 from command_line import error_line
 from command_line import manip3d as run
+from landmarks import assert_accessible
 from manip3d import LidarFrame
 from manip3d.authenticate import AlertMonitor
 from manip3d.capture import open_drive, watched_recording
@@ -62,6 +63,7 @@ def test_a_signed_drive_is_authentic_until_a_point_moves(drive: Path, tmp_path: 
     assert [frame["verdict"] for frame in told["frames"]] == ["authentic"] * 3
     assert told["counts"]["frames"] == 3
     html = page.read_text()
+    assert_accessible(html)
     assert html.count("<svg") >= 5
     assert "authentic" in html
     assert not re.search(r"(src|href)=.?https?:", html)  # it loads nothing

@@ -21,10 +21,11 @@ from typer.testing import CliRunner
 import lattice_scans
 import manip3d
 from cave_scans import AHEAD, ball
+from landmarks import assert_accessible
 from manip3d._util.extras import EXTRAS
 from manip3d.cli import _VERBS, app, load
 from manip3d.experiments import _simplification
-from manip3d.phantom._page import HAZARDS
+from manip3d.phantom._page import HAZARDS, _hazard_page
 from trial_files import write_trial
 
 ROOT = Path(__file__).parents[2]
@@ -343,6 +344,7 @@ def test_the_hazards_of_readme_are_those_of_the_page_that_people_must_read() -> 
     table = README.partition("| Hazard |")[2].partition("\n\n")[0].splitlines()[2:]
     rows = [tuple(cell.strip() for cell in row.strip("|").split("|")) for row in table]
     assert rows
+    assert_accessible(_hazard_page())
     assert [tuple(cell.replace("`", "") for cell in row) for row in rows] == list(HAZARDS)
 
 

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from landmarks import assert_accessible
 from manip3d import MissingExtraError, cli
 from manip3d.experiments import Case, Experiment, Plan, Row
 from manip3d.report import demo
@@ -67,6 +68,7 @@ def test_stories_come_first_with_pictures_and_commands(tmp_path: Path) -> None:
     text = done.page.read_text()
     places = [text.index(f'id="{name}"') for name in ("model", "depth", "scan", "numbers", "toy")]
     assert places == sorted(places)
+    assert_accessible(text)
     assert text.count(f"<code>{COMMAND}</code>") == 3
     assert text.count("data:image/webp;base64,") == 2
     assert "This story could not be told here: RuntimeError: nobody was there" in text

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from landmarks import assert_accessible
 from manip3d import LidarFrame, authenticate, report
 from manip3d.authenticate import EDITS
 from manip3d.authenticate._edits import EDIT_MEANINGS
@@ -59,8 +60,7 @@ def test_a_page_is_as_wide_as_a_phone(
             ": addEventListener('load', () => done()))"
         )
         assert tab.evaluate("document.body.innerText.length") > 100
-        if write is pages_of_a_diary:
-            assert tab.evaluate("document.querySelectorAll('main').length") == 1
+        assert_accessible(tab.evaluate("document.documentElement.outerHTML"))
         assert tab.evaluate("document.documentElement.scrollWidth") == 390
 
 

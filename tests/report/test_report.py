@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from landmarks import assert_accessible
 from manip3d import FormatError, InputError
 from manip3d.experiments import run
 from manip3d.report import write_alert_overview, write_report
@@ -63,6 +64,7 @@ def page(results: Path) -> str:
 
 def test_the_page_loads_nothing(results: Path) -> None:
     text = page(results)
+    assert_accessible(text)
     parsed = Loads(text)
     assert not {"script", "link", "iframe", "object", "embed"} & parsed.elements
     assert all(address.startswith(("#", "data:image/")) for address in parsed.addresses)
@@ -232,6 +234,7 @@ def test_vehicles_with_folders_of_one_name_are_told_apart(
 ) -> None:
     page = tmp_path / "overview.html"
     write_alert_overview([{"source": each, "error": "no such drive"} for each in sources], page)
+    assert_accessible(page.read_text())
     assert re.findall("<h2>(.*?): <span", page.read_text()) == names
 
 

@@ -21,6 +21,7 @@ from pathlib import Path
 import pytest
 from raw_client import RawStream, connect, cookie, get, read_all
 
+from landmarks import assert_accessible
 from manip3d import FormatError, InputError
 from manip3d.errors import DeviceError
 
@@ -95,6 +96,7 @@ def test_a_code_lets_one_more_screen_in_once(server: LocalServer) -> None:
     assert re.fullmatch(r"[0-9]{8}", code)
     status, head, page = get(server, "/join")
     assert (status, b'name="code"' in page) == (200, True)
+    assert_accessible(page.decode())
     assert "form-action 'self'" in head
     assert "script-src" not in head  # default-src 'none' holds
     status, head, _ = get(server, f"/?code={code[:4]}%20{code[4:]}")

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from landmarks import assert_accessible
 from manip3d import FormatError, InputError
 from manip3d.study import (
     PUBLISHED_COMPOSITION,
@@ -267,6 +268,7 @@ def test_results_without_the_stimuli(tmp_path: Path) -> None:
     assert low["raters"] == "6"
     assert 0 < float(low["undecidable_percent"]) < 100  # measured: of 36 simulated answers
     page = (results / "summary.html").read_text()
+    assert_accessible(page)
     assert "6 of them are simulated" in page
 
 

@@ -15,6 +15,7 @@ import pytest
 from page_content import content, reddish, screenshot
 
 import manip3d
+from landmarks import assert_accessible
 from manip3d import InputError, Material, Mesh, RenderError, Texture
 from manip3d.viewer import _chromium, film, html, iframe, page, picture, play, view
 
@@ -297,6 +298,7 @@ def test_a_screen_reader_is_told_what_the_view_shows(chromium: None, quad: Mesh)
     for expected, text in pages.items():
         with _chromium.open_page(text, (400, 300)) as tab:
             tab.evaluate("manip3d")
+            assert_accessible(tab.evaluate("document.documentElement.outerHTML"))
             assert tab.evaluate(role_and_label) == expected
 
 

@@ -1,4 +1,4 @@
-"""Tables of HTML pages."""
+"""Pages of HTML that load nothing, and their tables."""
 
 from __future__ import annotations
 
@@ -17,6 +17,15 @@ class Html(str):
 def as_html(text: str) -> str:
     """Return a text as HTML, with control characters as visible escapes; `Html` as it is."""
     return text if isinstance(text, Html) else html.escape(legible(text))
+
+
+def html_page(title: str, style: str, content: str) -> str:
+    """Return a page; ``title`` is text, and ``content`` is HTML."""
+    return (
+        "<!doctype html><html lang=en><meta charset=utf-8>"
+        '<meta name=viewport content="width=device-width">'
+        f"<title>{html.escape(title)}</title><style>{style}</style><main>{content}</main></html>\n"
+    )
 
 
 def html_table(heads: Iterable[str], rows: Iterable[Sequence[str]]) -> str:

@@ -86,6 +86,7 @@ _HAZARD_PAGE = """\
 <link rel="stylesheet" href="/live.css">
 </head>
 <body class="document">
+<div role="main">
 <h1>Intended use and hazards</h1>
 <p>{use} It is run by people who know the patients and the study's approval; no number of it is
 advice on anybody's care.</p>
@@ -94,6 +95,7 @@ advice on anybody's care.</p>
 {rows}
 </table>
 <p><a href="/">Back to the session</a></p>
+</div>
 </body>
 </html>
 """

@@ -19,6 +19,7 @@ import numpy as np
 
 from manip3d import __version__
 from manip3d._util.checked import checked
+from manip3d._util.html import html_page, wide
 from manip3d._util.texts import counted
 from manip3d.lidar import box_outline
 from manip3d.report._evidence_files import write_page_or_record
@@ -231,10 +232,7 @@ class AlertTimeline:
             for scene in sorted(self._scenes, key=lambda scene: scene.number)
         )
         strip = strip_of(self._records, _ROWS)
-        return (
-            "<!doctype html><html lang=en><meta charset=utf-8>"
-            '<meta name=viewport content="width=device-width">'
-            f"<title>{html.escape(self.source)}: {verdict}</title><style>{STYLE}</style>"
+        content = (
             f"<h1 class={verdict}>{verdict}</h1><p>{html.escape(reason)}</p>"
             + _facts(self.source, counts)
             + "<h2>Timeline</h2>"
@@ -243,8 +241,9 @@ class AlertTimeline:
             + _table(*self.gravest(_MAX_ROWS))
             + "<p class=fine>A watermark protects a scan from where it is embedded to where it is "
             "verified. Cameras judge only what both they and the LiDAR see; where they contradict "
-            f"each other, either may be wrong. manip3d {html.escape(__version__)}</p></html>\n"
+            f"each other, either may be wrong. manip3d {html.escape(__version__)}</p>"
         )
+        return html_page(f"{self.source}: {verdict}", STYLE, content)
 
 
 STYLE = (
@@ -413,10 +412,9 @@ def _table(shown: Sequence[dict[str, Any]], count: int) -> str:
         for record in shown
     )
     more = f"<p>and {count - len(shown)} more</p>" if count > len(shown) else ""
-    return (
-        "<h2>Frames to look at</h2><div class=wide><table><tr><th>frame<th>scan<th>verdict"
-        f"<th>attack<th>risk<th>recommended<th>why</tr>{rows}</table></div>{more}"
-    )
+    header = "<tr><th>frame<th>scan<th>verdict<th>attack<th>risk<th>recommended<th>why</tr>"
+    title = "Frames to look at"
+    return f"<h2>{title}</h2>{wide(title, f'<table>{header}{rows}</table>')}{more}"
 
 
 # --- pictures -------------------------------------------------------------------------------------

@@ -12,6 +12,7 @@ from urllib.parse import quote
 
 from manip3d import __version__
 from manip3d._util.checked import checked
+from manip3d._util.html import html_page
 from manip3d._util.paths import path_of
 from manip3d._util.texts import counted
 from manip3d.authenticate import RiskParameters
@@ -71,15 +72,12 @@ def write_alert_overview(
     told = ", ".join(f"{count} {_word(name)}" for name, count in counts.items() if count)
     names = _names_of([str(drive["source"]) for drive in drives])
     title = counted(len(drives), "vehicle")
-    page = (
-        "<!doctype html><html lang=en><meta charset=utf-8>"
-        '<meta name=viewport content="width=device-width">'
-        f"<title>{title}: {told}</title><style>{STYLE}</style>"
+    content = (
         f"<h1>{title}</h1><p>{told}</p>"
         + "".join(_vehicle(drive, names[str(drive["source"])]) for drive in ranked)
-        + f"<p class=fine>The gravest first. manip3d {html.escape(__version__)}</p></html>\n"
+        + f"<p class=fine>The gravest first. manip3d {html.escape(__version__)}</p>"
     )
-    atomic_write(path, page_bytes(page))
+    atomic_write(path, page_bytes(html_page(f"{title}: {told}", STYLE, content)))
 
 
 def _verdict_of(drive: Mapping[str, Any]) -> str:

@@ -13,6 +13,7 @@ import numpy as np
 
 from manip3d import __version__
 from manip3d._util.checked import checked
+from manip3d._util.html import html_page, wide
 from manip3d._util.linear import inverse, product
 from manip3d._util.paths import path_of
 from manip3d.errors import InputError
@@ -159,13 +160,9 @@ def _drive_page(
     verdict, reason = together.verdict, together.reason
     counts = Counter(_word(each) for each in found)
     summary = ", ".join(f"{number} {word}" for word, number in sorted(counts.items()))
-    title = html.escape(source)
-    return (
-        "<!doctype html><html lang=en><meta charset=utf-8>"
-        '<meta name=viewport content="width=device-width">'
-        f"<title>{title}: {verdict}</title><style>{PAGE_STYLE}</style>"
+    content = (
         f"<h1 class={verdict}>{verdict}</h1><p>{html.escape(reason)}</p>"
-        f"<p>{title}: {len(found)} scans; {html.escape(summary)}</p>"
+        f"<p>{html.escape(source)}: {len(found)} scans; {html.escape(summary)}</p>"
         + _limits(found)
         + "<h2>Timeline</h2>"
         + _timeline(found, names)
@@ -173,8 +170,8 @@ def _drive_page(
         + _map(found, names)
         + _table(found, names)
         + "".join(f"<p>{html.escape(error)}</p>" for error in errors)
-        + "</html>\n"
     )
+    return html_page(f"{source}: {verdict}", PAGE_STYLE, content)
 
 
 def _word(found: Inspection | None) -> str:
@@ -230,10 +227,12 @@ def _timeline(found: Sequence[Inspection | None], names: Sequence[str]) -> str:
                 f'<circle cx="{(number + 0.5) * step:.2f}" cy="{top + PLOT * depth / DEEPEST:.2f}" '
                 f'r="{radius}" fill="none" stroke="{color}"/>'
             )
-    return (
-        f'<div class=wide><svg viewBox="0 0 {WIDTH:g} {top + PLOT + 8:g}" width="{WIDTH:g}" '
+    drawing = (
+        f'<svg viewBox="0 0 {WIDTH:g} {top + PLOT + 8:g}" width="{WIDTH:g}" '
         f'role="img" aria-label="Verdict and p-values of each scan">{bars}{lines}{marks}</svg>'
-        "</div><p>A bar for each scan: "
+    )
+    return (
+        f"{wide('Timeline', drawing)}<p>A bar for each scan: "
         + ", ".join(
             f'<span style="border-left:1em solid {color}"> {word}</span>'
             for word, color in COLORS.items()
@@ -267,13 +266,13 @@ def _added_up(together: DriveEvidence) -> str:
             (together.threshold, "#b00020", f"alarm: 1e{together.threshold:.1f}"),
         )
     )
-    return (
-        "<h2>Evidence that adds up</h2>"
-        f'<div class=wide><svg viewBox="0 0 {WIDTH:g} {PLOT:g}" width="{WIDTH:g}" role="img" '
+    drawing = (
+        f'<svg viewBox="0 0 {WIDTH:g} {PLOT:g}" width="{WIDTH:g}" role="img" '
         f'aria-label="Likelihood ratio that adds up over the scans">{lines}'
-        f'<path d="M{curve}" fill="none" stroke="#0072B2" stroke-width="2"/></svg></div>'
-        f"<p>{html.escape(together.statement)}</p>"
+        f'<path d="M{curve}" fill="none" stroke="#0072B2" stroke-width="2"/></svg>'
     )
+    title = "Evidence that adds up"
+    return f"<h2>{title}</h2>{wide(title, drawing)}<p>{html.escape(together.statement)}</p>"
 
 
 def _p_of(found: Inspection, detector: str) -> float | None:
@@ -313,11 +312,13 @@ def _map(found: Sequence[Inspection | None], names: Sequence[str]) -> str:
     )
     path = f'<polyline points="{at(np.array(way))}" fill="none" stroke="#0072B2" stroke-width="2"/>'
     start = at(np.array(way[:1])).split(",")
-    return (
-        "<h2>Map</h2>"
-        f'<div class=wide><svg viewBox="0 0 {WIDTH:g} {height:.1f}" width="{WIDTH:g}" role="img" '
+    drawing = (
+        f'<svg viewBox="0 0 {WIDTH:g} {height:.1f}" width="{WIDTH:g}" role="img" '
         f'aria-label="Way of the scanner and suspected places from above">{path}'
-        f'<circle cx="{start[0]}" cy="{start[1]}" r="5" fill="#0072B2"/>{boxes}</svg></div>'
+        f'<circle cx="{start[0]}" cy="{start[1]}" r="5" fill="#0072B2"/>{boxes}</svg>'
+    )
+    return (
+        f"<h2>Map</h2>{wide('Map', drawing)}"
         f"<p>The way of the scanner as detector IV aligned the scans, from the dot on; "
         f"{WIDTH / scale:.0f} m from left to right. Boxes: suspected places.</p>"
     )
@@ -351,7 +352,6 @@ def _table(found: Sequence[Inspection | None], names: Sequence[str]) -> str:
         "<tr><th>scan<th>verdict<th>why<th>p at most<th>p by the detectors' models<th>regions</tr>"
     )
     more = "" if len(rows) <= MAX_ROWS else f"<p>and {len(rows) - MAX_ROWS} more</p>"
-    return (
-        "<h2>Scans of which something is said</h2>"
-        f"<div class=wide><table>{header}{''.join(rows[:MAX_ROWS])}</table></div>{more}"
-    )
+    title = "Scans of which something is said"
+    table = wide(title, f"<table>{header}{''.join(rows[:MAX_ROWS])}</table>")
+    return f"<h2>{title}</h2>{table}{more}"

@@ -16,6 +16,7 @@ import numpy as np
 
 from manip3d import __version__, viewer
 from manip3d._util.checked import checked
+from manip3d._util.html import html_page, wide
 from manip3d.authenticate._edits import EDIT_MEANINGS
 from manip3d.authenticate._power import NOT_FOUND
 from manip3d.authenticate._verdict import FALSE_ALARM_RATE, PLANTED_HERE, Calibration, Power
@@ -290,10 +291,7 @@ def _page(inspection: Inspection, source: str) -> str:
     pictures = _pictures(inspection)
     verdict = inspection.verdict
     points = f"{inspection.num_points:,}".replace(",", " ")
-    return (
-        "<!doctype html><html lang=en><meta charset=utf-8>"
-        '<meta name=viewport content="width=device-width">'
-        f"<title>{html.escape(source)}: {verdict}</title><style>{PAGE_STYLE}</style>"
+    content = (
         f"<h1 class={verdict}>{verdict}</h1>"
         f"<p>{html.escape(inspection.reason)}</p>"
         + _ratio(inspection)
@@ -310,14 +308,14 @@ def _page(inspection: Inspection, source: str) -> str:
             for caption, data in pictures.items()
         )
         + _calibrations(inspection)
-        + "</html>\n"
     )
+    return html_page(f"{source}: {verdict}", PAGE_STYLE, content)
 
 
 def _verdicts(inspection: Inspection) -> str:
     rows = "".join(_verdict_row(report) for report in inspection.detectors)
     header = "<tr><th>detector<th>verdict<th>why<th>suspected points</tr>"
-    return f"<div class=wide><table>{header}{rows}</table></div>"
+    return wide("Verdicts of the detectors", f"<table>{header}{rows}</table>")
 
 
 def _verdict_row(report: DetectorReport) -> str:
@@ -415,7 +413,8 @@ def _regions(inspection: Inspection) -> str:
         "<tr><th>detector<th>region<th>x<th>y<th>z<th>length<th>width<th>height<th>yaw, deg"
         "<th>points<th>p at most<th>evidence</tr>"
     )
-    return f"<h2>Regions, metres</h2><div class=wide><table>{header}{rows}</table></div>"
+    table = wide("Regions, metres", f"<table>{header}{rows}</table>")
+    return f"<h2>Regions, metres</h2>{table}"
 
 
 def _power(inspection: Inspection) -> str:
@@ -435,9 +434,10 @@ def _power(inspection: Inspection) -> str:
     )
     sources = {power.source for power in inspection.power.values() if power.source}
     notes = "".join(f"<p>{html.escape(note)}</p>" for note in inspection.power_notes)
+    header = "<tr><th>edits of this class<th>found<th>edits found and planted</tr>"
+    title = "What would have been found"
     return (
-        "<h2>What would have been found</h2><div class=wide><table><tr><th>edits of this class"
-        f"<th>found<th>edits found and planted</tr>{rows}</table></div>{notes}"
+        f"<h2>{title}</h2>{wide(title, f'<table>{header}{rows}</table>')}{notes}"
         f"<p>{html.escape('; '.join(sorted(sources)))}</p>"
     )
 

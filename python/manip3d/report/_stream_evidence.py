@@ -12,7 +12,7 @@ import numpy as np
 
 from manip3d import __version__
 from manip3d._util.checked import checked
-from manip3d._util.html import html_table
+from manip3d._util.html import html_page, html_table
 from manip3d._util.texts import counted
 from manip3d.authenticate import depth_noise
 from manip3d.authenticate._stream_verdict import NO_POWER_HERE
@@ -31,6 +31,10 @@ if TYPE_CHECKING:
 _MAX_FRAMES = 6  # largest number of frames that are shown
 _MARK = np.array([230.0, 94.0, 0.0])  # red, green and blue of inserted pixels
 _WIDTH, _HEIGHT = 720, 180  # size of a curve in SVG user units
+_FIGURE_STYLE = (
+    "figure{display:inline-block;margin:0 .6rem .6rem 0}figcaption{font-size:.85rem}"
+    "svg{width:100%;height:auto}"
+)
 
 
 @checked
@@ -89,12 +93,7 @@ def _judged(inspection: StreamInspection, frames: Iterable[RgbdFrame]) -> list[R
 def _page(inspection: StreamInspection, frames: Sequence[RgbdFrame], source: str) -> str:
     verdict = inspection.verdict
     camera = frames[0].calibration.depth
-    return (
-        "<!doctype html><html lang=en><meta charset=utf-8>"
-        '<meta name=viewport content="width=device-width">'
-        f"<title>{html.escape(source)}: {verdict}</title><style>{PAGE_STYLE}"
-        "figure{display:inline-block;margin:0 .6rem .6rem 0}figcaption{font-size:.85rem}"
-        "svg{width:100%;height:auto}</style>"
+    content = (
         f"<h1 class={verdict}>{verdict}</h1><p>{html.escape(inspection.reason)}</p>"
         f"<p>{html.escape(source)}: judged {_count(inspection)} of {camera.width} x "
         f"{camera.height} pixels. No verdict says that a stream is authentic.</p>"
@@ -113,8 +112,9 @@ def _page(inspection: StreamInspection, frames: Sequence[RgbdFrame], source: str
         + _power(inspection)
         + f"<p>The threshold was fixed on {inspection.calibration.num_scans} clean frames: "
         f"{html.escape(inspection.calibration.scenes)}. Note: "
-        f"{html.escape(inspection.calibration.note)}.</p></html>\n"
+        f"{html.escape(inspection.calibration.note)}.</p>"
     )
+    return html_page(f"{source}: {verdict}", PAGE_STYLE + _FIGURE_STYLE, content)
 
 
 def _power(inspection: StreamInspection) -> str:

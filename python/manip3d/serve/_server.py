@@ -161,12 +161,14 @@ _JOIN_PAGE = f"""\
 <style>{_JOIN_STYLE}</style>
 </head>
 <body>
+<main>
 <h1>Add a screen</h1>
 <form action="/" method="get">
 <p><label for="code">The 8 digits that the first screen shows</label></p>
 <p><input id="code" name="code" required autofocus inputmode="numeric" autocomplete="off"
  maxlength="9" pattern="[0-9]{{4}} ?[0-9]{{4}}"> <button>Open</button></p>
 </form>
+</main>
 </body>
 </html>
 """

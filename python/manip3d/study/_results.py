@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from manip3d._util.checked import checked
-from manip3d._util.html import html_table
+from manip3d._util.html import html_table, wide
 from manip3d._util.paths import path_of, refuse_existing
 from manip3d.errors import InputError
 from manip3d.io._files import atomic_folder
@@ -316,9 +316,9 @@ def _page(
     return (
         '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
-        f"<title>{title}</title><style>{_STYLE}</style></head><body>"
+        f"<title>{title}</title><style>{_STYLE}</style></head><body><main>"
         f"<h1>{title}</h1><p>{told}</p>{body}"
-        f'<p class="quiet">{_NOTES[study.common.kind]}</p></body></html>\n'
+        f'<p class="quiet">{_NOTES[study.common.kind]}</p></main></body></html>\n'
     )
 
 
@@ -375,12 +375,11 @@ def _histograms(rows: Sequence[Mapping[str, Any]]) -> str:
                     + "".join(f"<td>{_histogram(cell)}</td>" for cell in cells)
                     + "</tr>"
                 )
-            title = html.escape(f"{part} ({group})")
-            found.append(
-                f'<h2>{title}</h2><div class="wide"><table class="shares">'
-                f"<tr><th>Question</th>{head}</tr>"
-                f"{''.join(lines)}</table></div>"
+            title = f"{part} ({group})"
+            table = (
+                f'<table class="shares"><tr><th>Question</th>{head}</tr>{"".join(lines)}</table>'
             )
+            found.append(f"<h2>{html.escape(title)}</h2>{wide(title, table)}")
     return "".join(found)
 
 

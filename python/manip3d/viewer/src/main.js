@@ -89,7 +89,7 @@ async function start(page) {
   const panes = (page.film ? page.models.slice(0, 1) : page.models).map((entry) =>
     element("figure", {}, element("figcaption", {}, ...caption(entry))),
   );
-  const area = element("div", { class: "area" }, canvas, ...panes, message);
+  const area = element("main", { class: "area" }, canvas, ...panes, message);
   const bar = element("header", {}, element("h1", {}, page.title));
   const switches = switchesOf(page.models);
   const help = helpDialog(switches, page.film ? FILM_HELP : []);
