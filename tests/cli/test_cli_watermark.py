@@ -762,8 +762,7 @@ def test_a_drive_goes_on_after_a_full_disk(
     assert isinstance(failed.exception, OSError)
     (note,) = failed.exception.__notes__
     assert note == (
-        f"{out} has 2 of 4 scans, each whole; run again without --force (replace), it goes on "
-        "after them"
+        f"{out} has 2 of 4 scans, each whole; run again without replace=True, it goes on after them"
     )
     half = run("verify", out, "--key", key, "--json")
     assert json.loads(half.stdout)["verdicts"] == {"authentic": 2}

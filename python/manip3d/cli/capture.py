@@ -626,7 +626,7 @@ def capture_play(
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
-    """Read all frames and print their rate; with -o, draw every one of them.
+    """Read all frames and print their rate; with -o, draw each of them.
 
     Example: manip3d capture play patient.mkv -o frames.png
     """
