@@ -1,4 +1,4 @@
-"""What keyboards and screen readers need of a page."""
+"""The landmarks of a page that keyboards and screen readers need."""
 
 from __future__ import annotations
 
