@@ -45,6 +45,47 @@ def test_angles_of_the_borders(tmp_path: Path) -> None:
     np.testing.assert_allclose(elevation, [15, 5, -5, -15], atol=1e-4)
 
 
+def test_borders_of_a_scanner_upside_down(tmp_path: Path) -> None:
+    """The upper border is 20 degrees below the horizon, the lower one 20 above it."""
+    ranges = np.full((4, 2), 3)
+    (frame,) = open_range_images(folder(tmp_path / "a", "2 4 90 -90 20 -20", ranges))
+    elevation = np.degrees(np.arcsin(frame.points[::2, 2] / 3.0))
+    np.testing.assert_allclose(elevation, [-15, -5, 5, 15], atol=1e-4)
+
+
+def add_images(path: Path, names: list[str]) -> None:
+    for name in names:
+        Image.fromarray(np.ones((2, 4), np.uint16)).save(path / "data" / name)
+
+
+def test_images_are_in_the_order_of_their_numbers(tmp_path: Path) -> None:
+    path = folder(tmp_path / "a", "500 4 2 180 -180 0 1", np.ones((2, 4)))
+    add_images(path, ["10.png", "2.png"])
+    images = open_range_images(path).images
+    assert [image.name for image in images] == ["0000000000.png", "2.png", "10.png"]
+
+
+def test_a_time_belongs_to_the_number_of_an_image(tmp_path: Path) -> None:
+    """Image 1 is missing, the time of image 3 is unknown, and that of image 4 is damaged."""
+    path = folder(tmp_path / "a", "500 4 2 180 -180 0 1", np.ones((2, 4)))
+    add_images(path, ["0000000002.png", "0000000003.png", "0000000004.png", "0000000005.png"])
+    add_images(path, ["first.png"])
+    lines = [f"2011-07-14 13:52:3{second}" for second in range(3)]
+    (path / "timestamps.txt").write_text("\n".join([*lines, "", "now"]))
+    turns = open_range_images(path)
+    begin = turns[0].time_ns
+    assert begin is not None
+    assert turns[1].time_ns == begin + 2_000_000_000
+    assert turns[2].time_ns is None
+    with pytest.raises(FormatError, match="line 5: expected a time, got 'now'"):
+        turns[3]
+    with pytest.raises(FormatError, match=r"a time of 0000000005.png in line 6, got 5 lines"):
+        turns[4]
+    assert turns[5].time_ns is None  # a name without a number
+    (path / "timestamps.txt").unlink()
+    assert {turn.time_ns for turn in open_range_images(path)} == {None}
+
+
 @pytest.mark.parametrize(
     ("config", "reason"),
     [

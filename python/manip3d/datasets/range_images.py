@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, overload
 import numpy as np
 
 from manip3d._util.checked import checked
-from manip3d._util.paths import path_of
+from manip3d._util.paths import in_order, path_of
 from manip3d._util.reprs import short_repr
 from manip3d._util.text_files import text_of
 from manip3d._util.texts import counted
@@ -28,6 +28,9 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 __all__ = ["RangeImageFolder", "RangeImageLayout", "open_range_images"]
+
+_MOST_ROWS = 1 << 16
+"""Largest width and height: fields of a frame hold row and column as uint16."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,33 +99,61 @@ def read_layout(path: Path) -> RangeImageLayout:
 def _layout_of(values: NDArray[np.float64]) -> RangeImageLayout | None:
     if not np.isfinite(values).all():
         return None
-    for head in (1, 0):  # numbers before the width: the multiplier or none
-        if len(values) < head + 6:
+    for num_prefix in (1, 0):  # numbers before the width: the multiplier or none
+        if len(values) < num_prefix + 6:
             continue
-        width, height, left, right = values[head : head + 4]
-        angles = values[head + 4 :]
-        sizes_fit = 0 < width <= 1 << 16 and 0 < height <= 1 << 16 and width % 1 == height % 1 == 0
-        if not sizes_fit or len(angles) not in (2, height) or (head and not values[0] > 0):
+        width, height, left, right = values[num_prefix : num_prefix + 4]
+        elevations = values[num_prefix + 4 :]
+        sizes_fit = all(0 < size <= _MOST_ROWS and size % 1 == 0 for size in (width, height))
+        has_unit = num_prefix == 0 or values[0] > 0
+        if not sizes_fit or not has_unit or len(elevations) not in (2, height):
             continue
-        columns = left + (right - left) * (np.arange(width) + 0.5) / width
-        if len(angles) == 2 != height:
-            angles = angles[0] + np.ptp(angles) * (np.arange(height) + 0.5) / height
-        scale = float(values[0]) if head else 1.0
-        return RangeImageLayout(scale, np.radians(columns), -np.radians(angles))
+        if len(elevations) == 2 and height != 2:  # two rows have one elevation each, not borders
+            elevations = _centres(elevations[0], elevations[1], int(height))
+        scale = float(values[0]) if num_prefix else 1.0
+        azimuths = _centres(left, right, int(width))
+        return RangeImageLayout(scale, np.radians(azimuths), -np.radians(elevations))
     return None
+
+
+def _centres(first: float, last: float, count: int) -> NDArray[np.float64]:
+    """Return the centres of equal cells between two borders, of which either may be larger."""
+    return first + (last - first) * (np.arange(count) + 0.5) / count
 
 
 @checked
 class RangeImageFolder(Sequence[LidarFrame]):
-    """Sequence of the scanner's turns in a folder, each read on demand."""
+    """Sequence of the scanner's turns in a folder, each read on demand; see `open_range_images`.
+
+    Parameters
+    ----------
+    path : Path
+        Folder of the recording.
+
+    Attributes
+    ----------
+    path : Path
+        Folder of the recording.
+    layout : RangeImageLayout
+        Unit of the stored ranges, and the directions of the pixels in radians.
+    images : tuple of Path
+        File of each turn, in the order of the numbers in their names.
+
+    Raises
+    ------
+    FormatError
+        The file of angles is damaged. Reading a turn raises it if its image or time is damaged, or
+        if ``timestamps.txt`` ends before the line of its time.
+    OSError
+        The folder or the file of angles is missing.
+    """
 
     def __init__(self, path: Path) -> None:
         self.path = path
         self.layout = read_layout(path / "velodyne_config.txt")
-        self.images = tuple(sorted((path / "data").glob("*.png")))
+        self.images = tuple(in_order((path / "data").glob("*.png")))
         times = path / "timestamps.txt"
-        lines = text_of(times).splitlines() if times.is_file() else []
-        self._times = [line for line in lines if line.strip()]
+        self._time_lines = text_of(times).splitlines() if times.is_file() else None
 
     def __len__(self) -> int:
         return len(self.images)
@@ -148,9 +179,9 @@ class RangeImageFolder(Sequence[LidarFrame]):
         row, column = np.nonzero(ranges)
         return LidarFrame(
             points=layout.points(ranges)[row, column].astype(np.float32),
-            time_ns=self._time(index),
+            time_ns=self._time(path),
             ring=row.astype(np.uint16),
-            origin=(0.0, 0.0, 0.0),
+            origin=(0.0, 0.0, 0.0),  # the layout states directions only, as if from one point
             source=str(path),
             fields={
                 "column": column.astype(np.uint16),
@@ -159,15 +190,29 @@ class RangeImageFolder(Sequence[LidarFrame]):
             format=ScanFormat("range-image", header={"shape": expected}),
         )
 
-    def _time(self, index: int) -> int | None:
-        if index >= len(self._times):
+    def _time(self, image: Path) -> int | None:
+        """Return the time of an image; line n of the file of times, from 0, is that of image n.
+
+        The number in the image's name counts, and not its place in the folder, because a missing
+        image would otherwise shift all later times.
+        """
+        if self._time_lines is None or not image.stem.isdecimal():
+            return None
+        number = int(image.stem)
+        file = str(self.path / "timestamps.txt")
+        if number >= len(self._time_lines):
+            found = counted(len(self._time_lines), "line")
+            raise FormatError(
+                f"expected a time of {image.name} in line {number + 1}, got {found}", file=file
+            )
+        line = self._time_lines[number]
+        if not line.strip():
             return None
         try:
-            return parse_time(self._times[index])
+            return parse_time(line)
         except ValueError:
-            reason = f"expected a time, got {self._times[index][:40]!r}"
-            file = str(self.path / "timestamps.txt")
-            raise FormatError(reason, file=file, line=index + 1) from None
+            reason = f"expected a time, got {line[:40]!r}"
+            raise FormatError(reason, file=file, line=number + 1) from None
 
     def __repr__(self) -> str:
         return f"<manip3d.datasets.RangeImageFolder: {self.path}, {counted(len(self), 'turn')}>"
@@ -185,14 +230,17 @@ def open_range_images(path: str | os.PathLike[str]) -> RangeImageFolder:
     Returns
     -------
     RangeImageFolder
-        A sequence of `manip3d.LidarFrame`. Each has a point per pixel that is not 0; ``ring`` is
-        the row (0: the highest laser), ``fields`` are ``column`` and ``range`` (metres). All lasers
-        are at the origin, because the format states no offsets.
+        A sequence of `manip3d.LidarFrame`, in the order of the numbers in the images' names. Each
+        has a point per pixel that is not 0; ``ring`` is the row (0: the highest laser), ``fields``
+        are ``column`` and ``range`` (metres). All lasers are at the origin, because the format
+        states no offsets. ``time_ns`` is the time in line n of ``timestamps.txt`` for image n, both
+        counted from 0; None where there is no such file, or the line is empty.
 
     Raises
     ------
     FormatError
-        The file of angles is damaged. A damaged image or time raises it when that turn is read.
+        The file of angles is damaged. Reading a turn raises it if its image or time is damaged, or
+        if ``timestamps.txt`` ends before the line of its time.
     OSError
         The folder or the file of angles is missing.
 
