@@ -483,7 +483,7 @@ def test_a_damaged_picture_speed_or_record_silences_no_alarm(drive: Path, tmp_pa
     assert "0000000001.png" in cameras[1]["reason"]
     assert "unreadable" not in cameras[2]["reason"]
     assert "frame 0000000002 has no speed of its own" in done.stderr
-    assert "expected 30 numbers" in done.stderr
+    assert "expected at least 23 numbers" in done.stderr
 
     cv2 = pytest.importorskip("cv2")
     for camera in (2, 3):  # no camera takes such pictures

@@ -75,6 +75,12 @@ def test_raw_drive(tmp_path: Path) -> None:
     assert pixels[0] == pytest.approx([600 - 700 / 9.75, 180 - 350 / 9.75])
     with pytest.raises(InputError, match=r"camera: expected one of \[2, 3\], got 0"):
         calibration.project([[1.0, 0.0, 0.0]], 0)
+    with pytest.raises(InputError, match=r"points: expected shape \(N, 3\), got \(1, 4\)"):
+        calibration.project([[1.0, 2.0, 3.0, 4.0]])
+    with pytest.raises(InputError, match=r"left: expected one of \[2, 3\], got 0"):
+        calibration.baseline(0)
+    with pytest.raises(InputError, match=r"right: expected one of \[2, 3\], got 1"):
+        calibration.baseline(2, 1)
 
 
 def write_object(folder: Path) -> Path:
@@ -102,6 +108,25 @@ def test_object_labels_become_boxes_of_the_lidar(tmp_path: Path) -> None:
     assert box.center == pytest.approx((20.0, 3.0, -1.5 + 0.75))
     # rotation_y 0 looks to the camera's right: -y of the LiDAR; positive turns look backwards.
     assert box.yaw == pytest.approx(-np.pi / 2 - 0.1)
+
+
+def test_a_frame_without_its_file_of_calibration(tmp_path: Path) -> None:
+    (write_object(tmp_path) / "calib" / "000007.txt").unlink()
+    frame = open_kitti(tmp_path)[0]
+    assert frame.calibration_files == ()
+    for read in (frame.calibration, frame.boxes):
+        with pytest.raises(InputError, match="no calibration of frame 000007"):
+            read()
+
+
+def test_labels_of_points_are_read_only(tmp_path: Path) -> None:
+    folder = write_object(tmp_path)
+    (folder / "labels").mkdir()
+    labels = np.arange(scan(0).num_points, dtype="<u4")
+    (folder / "labels" / "000007.label").write_bytes(labels.tobytes())
+    found = open_kitti(folder)[0].scan().fields["label"]
+    np.testing.assert_array_equal(found, labels)
+    assert not found.flags.writeable
 
 
 def test_a_name_may_have_dots(tmp_path: Path) -> None:

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, overload
 
 import numpy as np
 
+from manip3d._util.arrays import rows
 from manip3d._util.checked import checked
 from manip3d._util.linear import inverse, product
 from manip3d._util.paths import path_of
@@ -88,12 +89,11 @@ class KittiCalibration:
         Raises
         ------
         InputError
-            There is no such camera.
+            There is no such camera, or ``points`` has another shape.
         """
-        if camera not in self.projections:
-            raise InputError(f"camera: expected one of {sorted(self.projections)}, got {camera}")
-        xyz = np.asarray(points, np.float64)
-        matrix = product(self.projections[camera], self.T_rect_velo)
+        projection = self._projection(camera, "camera")
+        xyz = rows(points, 3, np.float64, "points")
+        matrix = product(projection, self.T_rect_velo)
         image = product(xyz, matrix[:, :3].T) + matrix[:, 3]
         depth = image[:, 2]
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -112,9 +112,21 @@ class KittiCalibration:
         -------
         float
             Distance in metres; positive if ``right`` is to the right of ``left``.
+
+        Raises
+        ------
+        InputError
+            There is no such camera.
         """
-        shift = [self.projections[c][0, 3] / self.projections[c][0, 0] for c in (left, right)]
+        pair = self._projection(left, "left"), self._projection(right, "right")
+        shift = [projection[0, 3] / projection[0, 0] for projection in pair]
         return float(shift[0] - shift[1])
+
+    def _projection(self, camera: int, argument: str) -> NDArray[np.float64]:
+        if camera not in self.projections:
+            known = sorted(self.projections)
+            raise InputError(f"{argument}: expected one of {known}, got {camera}")
+        return self.projections[camera]
 
 
 @dataclass(frozen=True)
@@ -167,6 +179,7 @@ class KittiFrame:
         Returns
         -------
         LidarFrame
+            The labels are a read-only array of uint32, because they are the bytes of the file.
 
         Raises
         ------
@@ -191,11 +204,16 @@ class KittiFrame:
         Raises
         ------
         InputError
-            There is no calibration.
+            There is no calibration, or none of this frame in a folder with a file for each frame.
+        FormatError
+            The calibration is damaged.
+        OSError
+            The calibration cannot be read, such as a file named to `open_kitti` that is missing.
         """
         place = self._calibration_path
         if place is None:
-            raise InputError(f"{self.drive.path}: no calibration beside these scans")
+            missing = f"frame {self.name}" if self.drive.per_frame else "these scans"
+            raise InputError(f"{self.drive.path}: no calibration of {missing}")
         return read_calibration(place)
 
     @property
@@ -212,7 +230,7 @@ class KittiFrame:
         folder = self.drive.calibration_path
         if folder is None or not self.drive.per_frame:
             return folder
-        return folder / f"{self.name}.txt"
+        return _first([folder / f"{self.name}.txt"])
 
     def velocity(self) -> tuple[float, float, float] | None:
         """Read the car's velocity: m/s forward, m/s left, rad/s counter-clockwise; None: unknown.
@@ -229,7 +247,8 @@ class KittiFrame:
             ahead, left, turn = (_finite(words[column]) for column in _OXTS_COLUMNS)
         except (IndexError, ValueError):
             raise FormatError(
-                f"expected 30 numbers of an inertial unit, got {len(words)} words",
+                f"expected at least {max(_OXTS_COLUMNS) + 1} numbers of an inertial unit, got "
+                f"{len(words)} words",
                 file=str(self.oxts_path),
                 line=1,
             ) from None
@@ -277,10 +296,16 @@ class KittiFrame:
         Raises
         ------
         FormatError
-            The labels are damaged; the error names the file.
+            The labels or the calibration are damaged; the error names the file.
+        InputError
+            There is a file of ``label_2``, but no calibration of this frame, which its boxes need.
+        OSError
+            The labels or the calibration cannot be read.
         """
         if self.label_path is None:
-            return self.drive.tracklets.get(int(self.name) if self.name.isdecimal() else -1, ())
+            if not self.name.isdecimal():
+                return ()  # tracklets belong to numbered frames
+            return self.drive.tracklets.get(int(self.name), ())
         return read_labels(self.label_path, self.calibration())
 
 
@@ -519,7 +544,9 @@ def read_labels(path: Path, calibration: KittiCalibration) -> tuple[Box, ...]:
                 line=number,
             ) from None
         # The position is the centre of the bottom face; the rotation is about the camera's y axis,
-        # which points down.
+        # which points down. Half the height is added along the LiDAR's z axis, and not along the
+        # camera's -y, because a `Box` stands upright in the LiDAR frame; KITTI's cameras lean by
+        # about a degree.
         bottom = product(velo_rect, [x, y, z, 1.0])
         heading = product(velo_rect[:3, :3], [np.cos(rotation), 0.0, -np.sin(rotation)])
         boxes.append(
