@@ -123,6 +123,32 @@ def test_lists_are_played_to_and_fro_and_iterators_end() -> None:
     assert len(list(forge.stream(people, scenes, kind=2, pose=poses))) == 2
 
 
+def test_iterations_that_overlap_have_their_own_truth() -> None:
+    stream = forge.stream([person(n) for n in range(3)], wall(), kind=1)
+    first, second = stream.frames(), stream.frames()
+    for frames in (first, second, first, first):
+        pixels = np.count_nonzero(next(frames).mask)
+    assert stream.truth.numbers.tolist() == [0]  # that of the iteration that began last
+    assert stream.forged_pixels == pixels
+    next(second)
+    assert stream.truth.numbers.tolist() == [0, 1]
+
+
+@pytest.mark.parametrize("name", ["source", "pose"])
+def test_a_second_iteration_over_an_iterator_is_refused(name: str) -> None:
+    given: dict[str, Any] = {
+        "source": [person(0), person(1)],
+        "background": [wall(), wall()],
+        "pose": [person(0, HANDS_UP), person(1)],
+    }
+    given[name] = iter(given[name])
+    stream = forge.stream(**given, kind=2)
+    assert len(list(stream)) == 2
+    with pytest.raises(InputError, match=f"^{name}: expected a sequence for a second iteration"):
+        list(stream)
+    assert stream.truth.numbers.tolist() == [0, 1]  # the truth of the first one stays
+
+
 def test_without_a_skeleton_the_persons_pixels_are_taken() -> None:
     source = replace(person(), skeletons=())
     forged = one(forge.stream([source], wall(), kind=1))
@@ -354,15 +380,15 @@ def test_the_truth_takes_no_more_memory_than_its_masks() -> None:
     camera = RgbdCalibration(Intrinsics(shape[1], shape[0], 180.0, 180.0, 128.0, 106.0))
     scene = RgbdFrame(np.full(shape, 4000, np.uint16), camera)
     stream = forge.stream([scene], scene, kind=1)
-    stream._bits = [np.packbits(np.ones(shape, bool))] * 400
-    stream._numbers = list(range(400))
+    stream._tally.bits = [np.packbits(np.ones(shape, bool))] * 400
+    stream._tally.numbers = list(range(400))
     size = 400 * shape[0] * shape[1]
     tracemalloc.start()
     try:
         assert stream.truth.masks.all()
         assert tracemalloc.get_traced_memory()[1] < 1.2 * size
         tracemalloc.reset_peak()
-        _joined_bits(stream._bits, shape[0] * shape[1])
+        _joined_bits(stream._tally.bits, shape[0] * shape[1])
         assert tracemalloc.get_traced_memory()[1] < 0.2 * size
     finally:
         tracemalloc.stop()

@@ -172,6 +172,16 @@ class StreamForger:
             self._person, self._model = _Followed(), _Followed()
             self._has_pose = self._poses is None  # whether any pose has a skeleton
 
+    def _refuse_iterators(self, source: Iterable[RgbdFrame]) -> None:
+        """Raise if a second iteration would find an iterator where the first one has left it."""
+        inputs = {"source": source, "background": self._background, "pose": self._pose}
+        for name, frames in inputs.items():
+            if isinstance(frames, Iterator):
+                raise InputError(
+                    f"{name}: expected a sequence for a second iteration, got an iterator, which "
+                    "yields its frames only once"
+                )
+
     def skip(self) -> None:
         """Skip a frame: background and poses advance, and smoothing restarts."""
         with self._lock:
@@ -227,12 +237,29 @@ class StreamForger:
             return _forge(frame, person, scene, target, self.kind, self._options, watch)
 
 
+@dataclass
+class _Tally:
+    """Ground truth of the frames that one iteration has yielded so far."""
+
+    bits: list[NDArray[np.uint8]] = field(default_factory=list)  # packed mask of each frame
+    numbers: list[int] = field(default_factory=list)
+    unforged_frames: int = 0
+    forged_pixels: int = 0
+
+    def add(self, forged: ForgedFrame) -> None:
+        pixels = int(np.count_nonzero(forged.mask))
+        self.unforged_frames += pixels == 0
+        self.forged_pixels += pixels
+        self.bits.append(np.packbits(forged.mask))
+        self.numbers.append(forged.frame.number)
+
+
 @checked
 class ForgedStream:
     """Frames of a person before another scene; made by `stream`.
 
     Iteration yields the forged frames; `frames` yields them with their masks. The ground truth of
-    the last iteration is kept.
+    the iteration that began last is kept; iterations do not disturb each other.
 
     Attributes
     ----------
@@ -240,22 +267,16 @@ class ForgedStream:
         Type of the forgery, 1 or 2; see `stream`.
     calibration : RgbdCalibration
         Calibration of the background's camera.
-    missed : int
-        Number of frames of the last iteration without a forged pixel, because no person was found,
-        or the person is hidden behind the background or outside of its view.
-    forged_pixels : int
-        Number of forged pixels in the frames that the last iteration has yielded so far.
     """
 
     def __init__(self, source: Iterable[RgbdFrame], forger: StreamForger) -> None:
         self.kind, self.calibration = forger.kind, forger.calibration
-        self.missed = self.forged_pixels = 0
         self._source, self._forger = source, forger
-        self._bits: list[NDArray[np.uint8]] = []
-        self._numbers: list[int] = []
+        self._has_begun = False  # whether there was any iteration
+        self._tally = _Tally()  # that of the iteration that began last
 
     def __repr__(self) -> str:
-        frames = counted(len(self._numbers), "frame")
+        frames = counted(len(self._tally.numbers), "frame")
         return f"<manip3d.forge.ForgedStream: type {self.kind}, {frames} forged>"
 
     def __iter__(self) -> Iterator[RgbdFrame]:
@@ -267,38 +288,58 @@ class ForgedStream:
         Yields
         ------
         ForgedFrame
+
+        Raises
+        ------
+        InputError
+            Sizes of images do not agree, or a second iteration begins over an iterator, which
+            yields its frames only once. After the last frame: no frame of the source has a skeleton
+            or people's pixels, or no frame of ``pose`` a skeleton.
         """
-        self.missed, self.forged_pixels, self._bits, self._numbers = 0, 0, [], []
-        forger = copy(self._forger)  # iterations are independent of each other
+        if self._has_begun:
+            self._forger._refuse_iterators(self._source)
+        self._has_begun = True
+        tally = self._tally = _Tally()
+        forger = copy(self._forger)  # with an own state, because iterations may overlap
         forger.reset()
-        is_told = False  # whether any frame has people
+        has_people = False
         for frame in self._source:
             forged = forger.process(frame)
             if forged is None:
                 break
-            is_told = is_told or bool(frame.skeletons) or frame.body_index is not None
-            touched = int(np.count_nonzero(forged.mask))
-            self.missed += not touched
-            self.forged_pixels += touched
-            self._bits.append(np.packbits(forged.mask))
-            self._numbers.append(forged.frame.number)
+            has_people = has_people or bool(frame.skeletons) or frame.body_index is not None
+            tally.add(forged)
             yield forged
         else:  # the source ended, and not the background
-            if self._numbers and not is_told:
+            if tally.numbers and not has_people:
                 raise InputError(
                     "source: expected a skeleton or people's pixels, got frames without"
                 )
-        if self._numbers and not forger._has_pose:
-            raise InputError(f"pose: expected skeletons, got none in {len(self._numbers)} frames")
+        if tally.numbers and not forger._has_pose:
+            raise InputError(f"pose: expected skeletons, got none in {len(tally.numbers)} frames")
+
+    @property
+    def missed(self) -> int:
+        """Number of frames without a forged pixel among those that were yielded so far.
+
+        No person was found in them, or the person is hidden behind the background or outside of its
+        view.
+        """
+        return self._tally.unforged_frames
+
+    @property
+    def forged_pixels(self) -> int:
+        """Number of forged pixels in the frames that the last iteration has yielded so far."""
+        return self._tally.forged_pixels
 
     @property
     def truth(self) -> StreamTruth:
         """Ground truth of the frames that the last iteration has yielded so far."""
-        shape = self._shape
+        tally, shape = self._tally, self._shape
         masks = np.empty((shape[0], shape[1] * shape[2]), np.bool_)
-        for mask, bits in zip(masks, self._bits, strict=True):
+        for mask, bits in zip(masks, tally.bits, strict=True):
             mask.view(np.uint8)[:] = np.unpackbits(bits, count=masks.shape[1])
-        return StreamTruth(self.kind, masks.reshape(shape), np.array(self._numbers, np.int64))
+        return StreamTruth(self.kind, masks.reshape(shape), np.array(tally.numbers, np.int64))
 
     @property
     def forged_share(self) -> float:
@@ -309,7 +350,7 @@ class ForgedStream:
     def _shape(self) -> tuple[int, int, int]:
         """Number of frames yielded so far, and the height and width of each."""
         camera = self.calibration.depth
-        return len(self._bits), camera.height, camera.width
+        return len(self._tally.bits), camera.height, camera.width
 
     def write_truth(self, path: str | os.PathLike[str]) -> None:
         """Write `truth` like `StreamTruth.write`, but without unpacking all masks.
@@ -327,10 +368,10 @@ class ForgedStream:
         OSError
             The file cannot be written.
         """
-        shape = self._shape
+        tally, shape = self._tally, self._shape
         check_size(math.prod(shape))
-        bits = _joined_bits(self._bits, shape[1] * shape[2])
-        write_truth(path, self.kind, shape, bits, np.array(self._numbers, np.int64))
+        bits = _joined_bits(tally.bits, shape[1] * shape[2])
+        write_truth(path, self.kind, shape, bits, np.array(tally.numbers, np.int64))
 
 
 def _joined_bits(packed: Sequence[NDArray[np.uint8]], size: int) -> NDArray[np.uint8]:
@@ -399,8 +440,9 @@ def stream(
     ------
     InputError
         An option is out of range, type 2 has no poses, or the background has no frames. During
-        iteration: the source has no skeletons or people's pixels, the frames of ``pose`` have no
-        skeletons, or sizes of images do not agree.
+        iteration: sizes of images do not agree, or it is the second one over an iterator; after the
+        last frame: the source has no skeletons or people's pixels, or the frames of ``pose`` have
+        no skeletons.
 
     Notes
     -----
