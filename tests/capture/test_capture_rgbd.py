@@ -1315,9 +1315,70 @@ def test_the_clock_of_frames_waits_for_their_times(wall: list[float]) -> None:
     clock.restart(6_000_000_000)
     assert clock.is_due(7_000_000_000, 1000)
     assert wall[0] == pytest.approx(200.5)
+    assert not clock.is_due(90_000_000_000, -1)
+    assert wall[0] == pytest.approx(200.5)  # a negative timeout is none
     clock.stop()
     assert clock.late_s(0) == 0.0
     assert clock.is_due(90_000_000_000, 0)
+
+
+def test_frames_in_memory_are_due_at_once_after_a_seek(wall: list[float]) -> None:
+    source = _frames_in_memory.IteratedFrames(Made(wall, 0.0, rate=10.0), None, 1.0)
+    assert source.read(0)
+    wall[0] += 2.0
+    source.seek(3)
+    frame = source.read(0)
+    assert isinstance(frame, RgbdFrame)
+    assert frame.number == 3
+    assert source.counters()["dropped"] == 0
+
+
+def test_frames_in_memory_go_on_after_the_one_read_by_its_index(wall: list[float]) -> None:
+    """A reader who is then 0.35 s late misses two frames of 0.1 s."""
+    source = _frames_in_memory.IteratedFrames(Made(wall, 0.0, rate=10.0), None, 1.0)
+    assert source.read(0)
+    assert source.read_at(3).number == 3
+    for number in (4, 5):
+        frame = source.read(1000)
+        assert isinstance(frame, RgbdFrame)
+        assert frame.number == number
+    wall[0] += 0.35
+    frame = source.read(1000)
+    assert isinstance(frame, RgbdFrame)
+    assert frame.number == 8
+    assert source.counters()["dropped"] == 2
+
+
+def test_only_indices_of_frames_that_can_be_read_again_are_accepted(wall: list[float]) -> None:
+    frames = Made(wall, 0.0, rate=None)
+    source = _frames_in_memory.IteratedFrames(frames, None)
+    for go in (source.seek, source.read_at):
+        with pytest.raises(InputError, match="index: expected >= 0, got -1"):
+            go(-1)
+    with pytest.raises(InputError, match="index: expected that of a frame, got 30"):
+        source.read_at(30)
+    once = _frames_in_memory.IteratedFrames(iter(rgbd_frames.frames(2)), None)
+    with pytest.raises(InputError, match="source: expected frames with an index, got an iterator"):
+        once.seek(0)
+
+
+def test_a_frame_is_read_by_its_index_while_others_wait(wall: list[float]) -> None:
+    """Another thread that seeks between the search of a frame and its reading gets it otherwise."""
+    is_free: list[bool] = []
+
+    class Watched(Made):
+        def __getitem__(self, index: Any) -> RgbdFrame:
+            other = threading.Thread(
+                target=lambda: is_free.append(source._lock.acquire(blocking=False))
+            )
+            other.start()
+            other.join()
+            return super().__getitem__(index)
+
+    calibration = next(iter(rgbd_frames.frames(1))).calibration
+    source = _frames_in_memory.IteratedFrames(Watched(wall, 0.0, rate=None), calibration)
+    assert source.read_at(3).number == 3
+    assert is_free == [False]
 
 
 def test_people_of_the_data_sets_are_sources(realdata: RealData, tmp_path: Path) -> None:

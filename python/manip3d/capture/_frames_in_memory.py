@@ -11,8 +11,12 @@ from typing import Any, Protocol, runtime_checkable
 from manip3d.errors import InputError
 from manip3d.rgbd import RgbdCalibration, RgbdFrame
 
-_LATE_S = 0.05  # seconds of wall-clock time; a frame that is later is left out
-_MAX_SEARCH_S = 0.1  # longest time that read() looks for a frame that is not late
+_LATE_S = 0.05
+"""Seconds of wall-clock time; a frame that is later is left out. The limit is about the period of
+cameras, 15 to 30 frames a second, so that small delays of the reader lose no frame."""
+_MAX_SEARCH_S = 0.1
+"""Longest time that read() looks for a frame that is not late, because users notice longer pauses
+of a live picture."""
 
 
 class FrameClock:
@@ -40,14 +44,22 @@ class FrameClock:
         """Restart the clock, so that the frame with this time is due now."""
         self._began = time.monotonic(), time_ns
 
+    def reset(self) -> None:
+        """Let the clock start again with the next call of `late_s`; a stopped clock stays so."""
+        self._began = None
+
     def is_due(self, time_ns: int, timeout_ms: int) -> bool:
-        """Wait until a frame is due, for at most ``timeout_ms``; return whether it is due."""
+        """Wait until a frame is due, for at most ``timeout_ms``; return whether it is due.
+
+        A negative ``timeout_ms`` is the same as 0.
+        """
         speed = self._speed
         if not speed > 0.0:
             return True
-        left = -self.late_s(time_ns) / speed
-        time.sleep(min(max(left, 0.0), timeout_ms / 1000.0))
-        return left <= timeout_ms / 1000.0
+        left = max(0.0, -self.late_s(time_ns) / speed)
+        timeout = max(0.0, timeout_ms / 1000.0)
+        time.sleep(min(left, timeout))
+        return left <= timeout
 
     def stop(self) -> None:
         """Make all frames due, so that `is_due` waits for none."""
@@ -84,7 +96,7 @@ class IteratedFrames:
         calibration: RgbdCalibration | None,
         speed: float = 0.0,
     ) -> None:
-        self._all = frames
+        self._source = frames
         self._length = _length_of(frames)
         self._rate: float = getattr(frames, "rate", 0.0)
         self._clock = FrameClock(speed)
@@ -92,31 +104,33 @@ class IteratedFrames:
         self._given = self._dropped = 0
         self._index = 0
         self._frames = iter(frames)
-        self._first: RgbdFrame | None = None
+        self._pending: RgbdFrame | None = None  # generated already, but not returned by `read`
         if calibration is None:
-            self._first = self._made()
-            if not isinstance(self._first, RgbdFrame):
-                raise InputError(f"source: expected frames of an RGB-D camera, got {self._first!r}")
-            calibration = self._first.calibration
+            self._pending = self._next_frame()
+            if not isinstance(self._pending, RgbdFrame):
+                raise InputError(
+                    f"source: expected frames of an RGB-D camera, got {self._pending!r}"
+                )
+            calibration = self._pending.calibration
         self._calibration = calibration
         self._lock = threading.RLock()
 
     def read(self, timeout_ms: int) -> RgbdFrame | bool:
         """Return the next frame; True: it is not due yet; False: no more frames."""
         with self._lock:
-            frame = self._first or self._made()
+            frame = self._pending or self._next_frame()
             if frame is None:
                 return False
             if not self._rate:
                 frame = self._in_time(frame)
             if not self._clock.is_due(frame.time_ns, timeout_ms):
-                self._first = frame
+                self._pending = frame
                 return True
-            self._first = None
+            self._pending = None
             self._given += 1
             return frame
 
-    def _made(self) -> RgbdFrame | None:
+    def _next_frame(self) -> RgbdFrame | None:
         """Return the next frame; if the reader is late, a simulator skips to the last due frame."""
         if self._rate and self._given and self._length is not None:
             late = self._clock.late_s(round(self._index / self._rate * 1e9))
@@ -124,6 +138,9 @@ class IteratedFrames:
             if missed > 0:
                 self._go_to(self._index + missed)
                 self._dropped += missed
+        return self._advance()
+
+    def _advance(self) -> RgbdFrame | None:
         self._index += 1
         return next(self._frames, None)
 
@@ -136,7 +153,9 @@ class IteratedFrames:
         until = time.monotonic() + _MAX_SEARCH_S
         late = self._clock.late_s(frame.time_ns)
         while (
-            late > self._late_s and time.monotonic() < until and (after := self._made()) is not None
+            late > self._late_s
+            and time.monotonic() < until
+            and (after := self._next_frame()) is not None
         ):
             self._dropped += 1
             frame, before = after, late
@@ -147,26 +166,46 @@ class IteratedFrames:
         return frame
 
     def seek(self, index: int) -> None:
-        """Go to a frame. A source without random access generates all frames before it."""
+        """Go to a frame, which is due at once.
+
+        A source without random access generates all frames before it.
+
+        Raises
+        ------
+        InputError
+            The index is negative, or the frames are from an iterator, which does not go back.
+        """
+        if index < 0:
+            raise InputError(f"index: expected >= 0, got {index}")
+        if isinstance(self._source, Iterator):
+            raise InputError("source: expected frames with an index, got an iterator")
         with self._lock:
-            self._first = None
+            self._pending = None
+            self._clock.reset()
             self._go_to(index)
 
     def _go_to(self, index: int) -> None:
         self._index = index
-        if self._length is not None and isinstance(self._all, _Indexed):
-            self._frames = map(self._all.__getitem__, range(index, self._length))
-        elif isinstance(self._all, _Skipping):
-            self._frames = self._all.since(index)
+        if self._length is not None and isinstance(self._source, _Indexed):
+            self._frames = map(self._source.__getitem__, range(index, self._length))
+        elif isinstance(self._source, _Skipping):
+            self._frames = self._source.since(index)
         else:
-            self._frames = islice(iter(self._all), index, None)
+            self._frames = islice(iter(self._source), index, None)
 
     def read_at(self, index: int) -> RgbdFrame:
-        """Return the frame with this index."""
-        self.seek(index)
-        if (frame := next(self._frames, None)) is None:
-            raise InputError(f"index: expected that of a frame, got {index}")
-        return frame
+        """Return the frame with this index; the one after it is the next to be read.
+
+        Raises
+        ------
+        InputError
+            There is no such frame; see `seek`, too.
+        """
+        with self._lock:
+            self.seek(index)
+            if (frame := self._advance()) is None:
+                raise InputError(f"index: expected that of a frame, got {index}")
+            return frame
 
     def calibration(self) -> RgbdCalibration:
         """Return the calibration that was given, or else that of the first frame."""
@@ -177,7 +216,7 @@ class IteratedFrames:
 
         Counters of the frames' own source have a private name, as in `conversions`.
         """
-        own: Mapping[str, int] = getattr(self._all, "_own_counters", {})
+        own: Mapping[str, int] = getattr(self._source, "_own_counters", {})
         return {"frames": self._given, "dropped": self._dropped, **own}
 
     def conversions(self) -> Mapping[str, Any]:
@@ -185,7 +224,7 @@ class IteratedFrames:
 
         The name is private, because a user's iterable may use any other name for something else.
         """
-        found: Mapping[str, Any] = getattr(self._all, "_conversions", {})
+        found: Mapping[str, Any] = getattr(self._source, "_conversions", {})
         return found
 
     def num_frames(self) -> int | None:
@@ -205,5 +244,5 @@ class IteratedFrames:
 
     def close(self) -> None:
         """Drop the iteration, and the files that it keeps open; an iterator stays the caller's."""
-        if not isinstance(self._all, Iterator):
+        if not isinstance(self._source, Iterator):
             self._frames = iter(())
