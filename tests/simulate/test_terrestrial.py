@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from manip3d import InputError
 from manip3d.simulate import TerrestrialScan, scenes, terrestrial_scan
+from manip3d.simulate.terrestrial import _Grid, _mixture
 
 pytest.importorskip("open3d")
 
@@ -225,3 +226,26 @@ def test_no_mixed_point_lies_beyond_the_range(street: scenes.Scene) -> None:
     )  # fmt: skip
     assert scan.mixed.sum() > 50
     assert 3.0 - 0.001 <= ranges(scan).min() <= ranges(scan).max() <= 25.0 + 0.001
+
+
+@pytest.mark.parametrize(
+    ("azimuths", "step", "columns", "is_full"),
+    [
+        ((-180.0, 180.0), 0.06, 6000, True),
+        ((0.0, 359.6), 1.0, 359, False),  # the seam is 2 degrees wide
+        ((0.0, 359.6), 0.6, 599, False),  # 0.6 degrees lack of a turn: the seam is 1.2
+        ((0.0, 360.0), 0.7, 514, True),  # the seam is 0.9 degrees wide
+        ((0.0, 90.0), 0.1, 900, False),
+    ],
+)
+def test_the_seam_of_a_full_turn_is_hardly_wider_than_a_step(
+    azimuths: tuple[float, float], step: float, columns: int, is_full: bool
+) -> None:
+    grid = _Grid(step, (azimuths, (-10.0, 10.0)))
+    assert (grid.columns, grid.full_turn) == (columns, is_full)
+
+
+def test_a_mixed_range_is_a_number_even_if_its_weight_is_drawn_as_0() -> None:
+    ranges = np.array([[2.0, 4.0], [np.inf, 8.0]], np.float32)
+    weight = np.array([[0.0, 0.25], [0.5, 0.75]], np.float32)
+    assert _mixture(ranges, ranges < 100.0, weight).tolist() == [2.0, 7.0]

@@ -34,6 +34,13 @@ SUB_RAYS = 6
 """Number of rays over the footprint of a beam that may hit two surfaces."""
 _SKY_M = 1e4  # metres: range of rays without a hit, so that they differ from all others
 _STEPS_PER_M = np.float32(1000.0)  # ranges are rounded to 1 mm
+_ROUNDING = (
+    1e-9  # steps by which a whole number of them may fall short: 0.3 / 0.1 is 2.9999999999999996
+)
+_LEAST_WEIGHT = np.float32(
+    2.0**-24
+)  # smallest number above 0 that Generator.random draws in float32
+_LEAST_COSINE = 1e-3  # keeps the azimuth of beams finite that point straight up or down
 
 
 @dataclass(frozen=True, eq=False)
@@ -213,14 +220,16 @@ class _Grid:
                 "field_of_view: expected ((azimuth, azimuth), (elevation, elevation)) in degrees, "
                 f"ascending, at most a full turn, got {field_of_view}"
             )
-        self.columns = max(1, math.floor((right - left) / resolution + 1e-9))
-        self.rows = max(1, math.floor((high - low) / resolution + 1e-9))
+        self.columns = max(1, math.floor((right - left) / resolution + _ROUNDING))
+        self.rows = max(1, math.floor((high - low) / resolution + _ROUNDING))
         if max(self.columns, self.rows) > np.iinfo(np.uint16).max:
             raise InputError(f"resolution_deg: {resolution} makes more than 65 535 columns or rows")
         self.first_azimuth = left + resolution / 2
         self.first_elevation = low + resolution / 2
         self.resolution = resolution
-        self.full_turn = right - left >= 360.0 - resolution / 2
+        # The first and the last column are neighbours if the step between them is at most one and a
+        # half steps of the grid; the field of view may be wider than its whole columns.
+        self.full_turn = 360.0 - self.columns * resolution < resolution / 2
 
     def angles(self) -> tuple[Floats, Floats]:
         """Return azimuth and elevation of the centres of all cells, radians."""
@@ -249,7 +258,10 @@ class _Grid:
 
 
 class _Scanner:
-    """The beams of a scan: their directions, and the surfaces that they meet."""
+    """The beams of a scan: their directions, and the surfaces that they meet.
+
+    `angle_noise` is the standard deviation of azimuth and elevation in radians.
+    """
 
     def __init__(
         self,
@@ -293,7 +305,8 @@ class _Scanner:
     ) -> tuple[NDArray[np.int64], Floats]:
         """Return the cells whose beam meets two surfaces, at most ``most``, and their ranges.
 
-        Surfaces nearer or farther than ``limits`` return nothing.
+        ``divergence`` is the full angle of the beam in radians. Surfaces nearer or farther than
+        ``limits``, in metres, return nothing.
         """
         nearest, farthest = limits
         direction = self.aim(cells)
@@ -313,17 +326,19 @@ class _Scanner:
             spread.append(distance)
         chosen = np.sort(self._random.permutation(np.flatnonzero(straddling))[:most])
         values = np.stack(spread)[:, chosen]
-        silent = ~((values >= nearest) & (values <= farthest))
+        returns = (values >= nearest) & (values <= farthest)
         weight = self._random.random(values.shape, np.float32)
-        weight[silent], values[silent] = 0.0, 0.0
-        return cells[chosen], (weight * values).sum(axis=0) / weight.sum(axis=0)
+        return cells[chosen], _mixture(values, returns, weight)
 
     def _within_beams(self, cells: NDArray[np.int64], divergence: float) -> Floats:
-        """A random direction within each beam, uniform over its disc, (N, 3)."""
+        """A random direction within each beam, uniform over its disc, (N, 3).
+
+        ``divergence`` is the full angle of the beam in radians.
+        """
         radius = 0.5 * divergence * np.sqrt(self._random.random(cells.size, np.float32))
         angle = np.float32(2.0 * np.pi) * self._random.random(cells.size, np.float32)
         up = self._elevation[cells] + radius * np.sin(angle)
-        across = radius * np.cos(angle) / np.maximum(np.cos(up), 1e-3)
+        across = radius * np.cos(angle) / np.maximum(np.cos(up), _LEAST_COSINE)
         return _directions(self._azimuth[cells] + across, up)
 
     def _cast(self, directions: Floats) -> Hits:
@@ -334,6 +349,18 @@ class _Scanner:
         ]
         names = [field.name for field in fields(Hits)]
         return Hits(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
+
+
+def _mixture(ranges: Floats, returns: NDArray[np.bool_], weight: Floats) -> Floats:
+    """Return the weighted mean of each column of ranges (K, N) over the rays that return.
+
+    At least one ray of each column returns. A weight of 0 counts as the smallest one above 0, so
+    that the weights of a column with a single return do not vanish.
+    """
+    weight = np.where(returns, np.maximum(weight, _LEAST_WEIGHT), np.float32(0.0))
+    total = (weight * np.where(returns, ranges, np.float32(0.0))).sum(axis=0)
+    mean: Floats = total / weight.sum(axis=0)
+    return mean
 
 
 def _directions(azimuth: Floats, elevation: Floats) -> Floats:
