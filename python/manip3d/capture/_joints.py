@@ -65,7 +65,8 @@ class ExportedJoints:
         Number of frames of a motion that repeat the pose before: the person was not seen in them,
         they were dropped, or the rate was lower.
     left_out : int
-        Number of skeletons that a motion lacks: the frames near their times have poses already.
+        Number of skeletons that a motion lacks, because an earlier skeleton already fills the frame
+        nearest to their time.
     ids : tuple of int
         Ids of the skeletons written, in the order in which they come first.
     others : mapping of int to int

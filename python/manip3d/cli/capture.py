@@ -48,7 +48,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from manip3d.camera import Intrinsics
-    from manip3d.capture import Recording, RgbdSource
+    from manip3d.capture import ExportedJoints, Recording, RgbdSource
 
 app = typer.Typer(
     name="capture",
@@ -692,22 +692,34 @@ def capture_export(
         done = capture.export_joints(
             opened, output, person=person, frames=frames, pose=pose, overwrite=force
         )
+        counters = opened._counted()
     shell.say(f"wrote {output}: {counted(done.frames, 'skeleton')}")
-    if done.held:
-        told = counted(done.held, "frame")
-        shell.warn(f"the person was not seen in {told} (or they were dropped), and stays as before")
-    if done.left_out:
-        told = counted(done.left_out, "skeleton")
-        shell.warn(f"left out {told}: the motion's frames near their times have poses already")
-    if len(done.ids) > done.people:
-        told = ", ".join(map(str, done.ids))
-        shell.warn(f"the person is followed under several ids ({told}); --person writes one")
-    if done.others and person is None:
-        told = ", ".join(f"id {id}: {count(number)}" for id, number in done.others.items())
-        lacks = counted(sum(done.others.values()), "skeleton")
-        shell.warn(f"left out {lacks} of other people ({told}); --person writes one of them")
-    warn_of_left_out(shell, opened._counted(), opened.errors)
+    _warn_of_export(shell, done, has_chosen_person=person is not None)
+    warn_of_left_out(shell, counters, opened.errors)
     shell.result({**asdict(done), "path": str(done.path), "source": opened.uri})
+
+
+def _warn_of_export(terminal: Terminal, done: ExportedJoints, *, has_chosen_person: bool) -> None:
+    """Warn of frames without the person, and of skeletons that the file lacks."""
+    if done.held:
+        frames = counted(done.held, "frame")
+        terminal.warn(
+            f"the person was not seen in {frames} (or they were dropped), and keeps the last pose"
+        )
+    if done.left_out:
+        skeletons = counted(done.left_out, "skeleton")
+        terminal.warn(
+            f"left out {skeletons}, because an earlier skeleton already fills the nearest frame"
+        )
+    if len(done.ids) > done.people:
+        ids = ", ".join(map(str, done.ids))
+        terminal.warn(f"the person is followed under several ids ({ids}); --person writes one")
+    if done.others and not has_chosen_person:
+        by_id = ", ".join(f"id {other}: {count(seen)}" for other, seen in done.others.items())
+        skeletons = counted(sum(done.others.values()), "skeleton")
+        terminal.warn(
+            f"left out {skeletons} of other people ({by_id}); --person writes one of them"
+        )
 
 
 @app.command("info")
