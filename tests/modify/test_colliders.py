@@ -60,6 +60,19 @@ def test_targets_hit_what_is_in_their_way() -> None:
     assert not tracker.colliders.radius.any()
 
 
+def test_spheres_without_a_size_touch_nothing_and_negative_ones_are_refused() -> None:
+    """A sphere smaller than a point would reach into the capsules before it touches them."""
+    tracker = modify.ColliderTracker()
+    start, end = np.array([[0, 0.6, 0], [0.1, 0.6, 0]]), np.array([[0, 0.6, 4], [0.1, 0.6, 4]])
+    assert tracker.hits(start, end).bone.tolist() == [-1, -1]  # there is no person yet
+    tracker.update(standing())
+    assert tracker.hits(start, end).bone.tolist() == [-1, 14]  # the person stands still
+    assert tracker.hits(start, end, radius=[0.1, np.nan]).bone[1] == -1
+    for radius in (-0.01, [0.02, -0.01]):
+        with pytest.raises(manip3d.InputError, match=r"radius: expected numbers >= 0, got -0\.01"):
+            tracker.hits(start, end, radius=radius)
+
+
 def test_labels_come_with_distances() -> None:
     with pytest.raises(manip3d.InputError, match="expected both or neither"):
         modify.ColliderTracker().update(standing(), np.zeros(3, np.uint8))

@@ -96,15 +96,21 @@ class ColliderTracker:
     Parameters
     ----------
     percentile : float
-        Share of a bone's points in one frame that lie within its radius; (0, 1].
+        Share of a bone's points in one frame that lie within its radius, in (0, 1]: a share, and
+        not a number up to 100. The default leaves out the tenth that is farthest from the bone,
+        such as folds of clothes and points of a neighbouring limb.
     frames : int
-        Number of frames over which a radius is averaged; 1 to 1000.
+        Number of frames over which a radius is averaged; 1 to 1000. The default is one second of a
+        camera with 30 frames a second.
     min_points : int
-        Smallest number of points of a bone from which a frame's radius is measured.
+        Smallest number of points of a bone from which a frame's radius is measured. With the
+        default, the tenth that ``percentile`` leaves out has at least two points.
     min_radius, max_radius : float, metres
-        Bounds that radii are clamped to.
+        Bounds that radii are clamped to; ``max_radius`` is at most 0.25. The defaults are about the
+        radius of a wrist, and twice that of a thigh, for wide clothes.
     first_radius : float, metres
-        Radius of a bone until points of it, or of the same bone on the other side, are seen.
+        Radius of a bone until points of it, or of the same bone on the other side, are seen. The
+        default is about the radius of a forearm.
 
     Raises
     ------
@@ -148,6 +154,11 @@ class ColliderTracker:
         squared_distances : (N,) float32, optional
             Squared distance of each point to its bone, square metres.
 
+        Returns
+        -------
+        BodyColliders
+            The solids in this frame; radii are averages over the last frames.
+
         Raises
         ------
         InputError
@@ -173,24 +184,34 @@ class ColliderTracker:
     def hits(self, start: ArrayLike, end: ArrayLike, *, radius: ArrayLike = 0.0) -> Hits:
         """Find what moving spheres touch first between the last two frames.
 
-        The detection is continuous in time: fast motion does not tunnel.
+        The detection is continuous in time: fast motion does not tunnel. After a single `update`
+        the person stands still; before it, and after `reset`, nothing is touched.
 
         Parameters
         ----------
         start, end : (N, 3), metres
-            Centres of the spheres at the previous and at the current frame.
+            Centres of the spheres at the previous and at the current frame. A centre with NaN
+            touches nothing.
         radius : float or (N,), metres
-            Radii of the spheres; 0: points.
+            Radii of the spheres; 0: points. A sphere whose radius is NaN touches nothing.
+
+        Returns
+        -------
+        Hits
+            The first contact of each sphere.
 
         Raises
         ------
         InputError
-            Wrong shapes.
+            Wrong shapes, or a negative radius.
         """
         first = rows(start, 3, np.float32, "start")
         last = rows(end, 3, np.float32, "end")
         with np.errstate(over="ignore"):  # a value too large for float32 becomes infinity
             radii = np.asarray(radius, np.float32)
+        negative = radii[radii < 0.0]
+        if negative.size:
+            raise InputError(f"radius: expected numbers >= 0, got {negative[0]:g}")
         if radii.ndim == 0:
             radii = np.full(len(first), radii)
         return Hits(*self._core.first_hits(first, last, np.ascontiguousarray(radii)))
