@@ -70,10 +70,17 @@ _BYTES_LEFT = {"fast": 80, "quality": 210}  # additional bytes for each face of 
 _MARGIN = 1.1  # factor on measured bytes, for meshes unlike those measured
 _CONSTANT = 16 << 20  # bytes that do not grow with the mesh
 
+# Bytes of NumPy arrays, from their dtypes.
+_MAP = 4  # `vertex_map` and `face_map`, int32: for each vertex and each face
+_PART_NUMBER = 2  # number of the part, uint16: for each vertex and each face
+_RENUMBERING = 6  # `stays`, `is_used` and int32 new rows: for each row of the longest table
+_PART_FACES = 40  # a face of a part: two int64 rows, and three corners in int32 before and after
+
 # Options that are passed on unchanged only if the whole mesh is simplified in one run.
 _ONE_RUN_OPTIONS = frozenset({"max_distance", "importance", "locked"})
 
 _SLACK = 1.25  # least number of faces that the chosen mode starts with, per face of the target
+_SPARE_FACES = 1000  # in addition to these, because a share of a small target is hardly any face
 _MIN = 20_000  # least faces of a part; in smaller parts too many faces lie at the borders
 _DEEPEST = 12  # 4096 parts of `_MIN` faces: more than 80 million faces
 _PART_EXCESS = 1.25  # size of the largest part over the mean, because parts are not equally large
@@ -151,12 +158,12 @@ def _plan(mesh: Mesh, mode: str, memory: int, target: int) -> _Plan:
     if mode_bytes * num_faces <= free:
         return _Plan(direct=True)
     stored = _storage(mesh) / num_faces
-    maps = 4 * (mesh.num_vertices + num_faces)
-    fewest = min(num_faces, math.ceil(_SLACK * target) + 1000)
+    maps = _MAP * (mesh.num_vertices + num_faces)
+    fewest = min(num_faces, math.ceil(_SLACK * target) + _SPARE_FACES)
     left = min(num_faces, int((free - maps) / (mode_bytes + stored)))
     rows = max(len(table) for name in MESH_TABLES if (table := getattr(mesh, name)) is not None)
-    index = 2 * (mesh.num_vertices + num_faces) + 6 * rows
-    part_bytes = fast_bytes + stored + 40
+    index = _PART_NUMBER * (mesh.num_vertices + num_faces) + _RENUMBERING * rows
+    part_bytes = fast_bytes + stored + _PART_FACES
 
     def in_parts_of(size: float) -> float:
         return maps + index + part_bytes * size
@@ -250,7 +257,11 @@ def _reduce_whole(
 
 
 class _Reduced:
-    """Collects the simplified parts of a mesh, one after the other."""
+    """Collects the simplified parts of a mesh: `add` for each of them, and then `joined` once.
+
+    `joined` numbers the faces between parts after those of all parts, so that no part can follow;
+    `face_map` is complete only then.
+    """
 
     def __init__(self, mesh: Mesh) -> None:
         self.vertex_map = np.full(mesh.num_vertices, -1, dtype=np.int32)
@@ -269,9 +280,17 @@ class _Reduced:
     ) -> None:
         """Add a simplified part.
 
-        Before simplification the part consisted of its `own` faces, followed by the faces that
-        cross its border. `used` are its vertices in the whole mesh; those marked `inside` belong to
-        this part and not to a neighbour.
+        Parameters
+        ----------
+        done : QualityResult
+            The simplified part. Before, it consisted of its own faces, followed by the faces that
+            cross its border.
+        own : (F,) intp
+            Rows of its own faces in the whole mesh.
+        used : (V,) int64
+            Rows of its vertices in the whole mesh.
+        inside : (V,) bool
+            Whether each of these vertices belongs to this part, and not to a neighbour.
         """
         self.error = max(self.error, done.max_error)
         to = done.vertex_map[inside]
@@ -288,9 +307,14 @@ class _Reduced:
         self._num_faces += part.num_faces
 
     def joined(self, mesh: Mesh, crossing: NDArray[np.intp]) -> tuple[Mesh, int]:
-        """Return the joined parts and faces between them, and how many of the latter vanished."""
+        """Return the joined parts and faces between them, and how many of the latter vanished.
+
+        `crossing` are the rows (C,) of the faces between parts in the whole `mesh`.
+        """
         between = self.vertex_map[mesh.faces[crossing]]
-        has_area = (between >= 0).all(axis=1)  # a removed vertex: two corners coincided, no area
+        # A corner without a vertex was removed, because it coincided with another one, or is in a
+        # part whose faces have no area, those across its border included.
+        has_area = (between >= 0).all(axis=1)
         kept = crossing[has_area]
         self.face_map[kept] = self._num_faces + np.arange(len(kept), dtype=np.int32)
         last = take_faces(mesh, kept)[0] if len(kept) else None
