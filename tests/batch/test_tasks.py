@@ -3,9 +3,16 @@
 from __future__ import annotations
 
 import logging
+import multiprocessing
+import os
+import time
 from collections.abc import Callable
 from concurrent.futures import Future
+from concurrent.futures.process import BrokenProcessPool
+from pathlib import Path
 from typing import Any
+
+import pytest
 
 from manip3d._util.parallel import Outcome, _outcomes, run_tasks
 
@@ -87,3 +94,71 @@ def test_workers_log_as_much_as_their_parent() -> None:
     finally:
         logger.setLevel(before)
     assert [outcome.value for outcome in found.values()] == [logging.ERROR] * 2
+
+
+# --- workers that die -----------------------------------------------------------------------------
+
+
+def die(signal: str) -> None:
+    """End this process as soon as a file exists."""
+    while not Path(signal).exists():
+        time.sleep(0.01)
+    os._exit(3)
+
+
+def unsendable(number: int) -> Callable[[], int]:
+    """Return a value that cannot be pickled."""
+    return lambda: number
+
+
+def outcomes_around_a_death(
+    tasks: dict[int, tuple[Callable[..., Any], tuple[Any, ...]]], signal: Path
+) -> list[tuple[int, Outcome]]:
+    """Run tasks; the worker that waits for ``signal`` dies while the first outcome is used."""
+    found = []
+    for key, outcome in run_tasks(tasks, 2):
+        found.append((key, outcome))
+        if not signal.exists():
+            signal.touch()
+            while multiprocessing.active_children():  # the executor ends the other worker
+                time.sleep(0.01)
+    return found
+
+
+def test_no_outcome_is_lost_when_a_worker_dies_while_the_caller_is_busy(tmp_path: Path) -> None:
+    signal = tmp_path / "signal"
+    tasks: dict[int, Any] = {n: (double, (n,)) for n in range(12)}
+    tasks[0] = (die, (str(signal),))
+    found = outcomes_around_a_death(tasks, signal)
+    assert sorted(key for key, _ in found) == list(range(12))
+    assert "the process that ran it died" in dict(found)[0].error
+    assert [dict(found)[key].value for key in range(1, 12)] == [2 * key for key in range(1, 12)]
+
+
+def test_a_task_whose_value_cannot_be_sent_is_not_lost_when_a_worker_dies(tmp_path: Path) -> None:
+    signal = tmp_path / "signal"
+    tasks: dict[int, Any] = {n: (double, (n,)) for n in range(12)}
+    tasks |= {0: (die, (str(signal),)), 1: (unsendable, (1,))}
+    found = outcomes_around_a_death(tasks, signal)
+    assert sorted(key for key, _ in found) == list(range(12))
+    assert "pickle" in dict(found)[1].error
+
+
+def test_what_is_finished_is_yielded_before_a_submission_that_fails() -> None:
+    num_submitted = 0
+
+    def submit(function: Callable[..., Any], arguments: tuple[Any, ...]) -> Future[Outcome]:
+        nonlocal num_submitted
+        num_submitted += 1
+        if num_submitted == 3:
+            raise BrokenProcessPool
+        future: Future[Outcome] = Future()
+        future.set_result(Outcome(function(*arguments)))
+        return future
+
+    unfinished: dict[int, Any] = {}
+    outcomes = _outcomes(submit, iter({n: (double, (n,)) for n in range(9)}.items()), unfinished, 2)
+    assert next(outcomes) == (0, Outcome(0))
+    with pytest.raises(BrokenProcessPool):
+        next(outcomes)
+    assert list(unfinished) == [1, 2]

@@ -39,6 +39,10 @@ _DASK_WINDOW = 1000
 """Number of tasks submitted to a Dask scheduler at a time: enough for hundreds of workers, while
 the scheduler needs little memory."""
 
+_ATTEMPTS = 3
+"""Number of runs of a task that a Dask scheduler loses with its connection: a second loss during
+the repetition is survived, and a scheduler that loses all tasks is not asked for ever."""
+
 _SPAWN = multiprocessing.get_context("spawn")
 
 _GUARD = 'below `if __name__ == "__main__":`, because its worker processes import it'
@@ -88,7 +92,9 @@ def _is_main_importable() -> bool:
 def run_tasks(
     tasks: Mapping[_Key, Task], jobs: int, *, dask: str = ""
 ) -> Generator[tuple[_Key, Outcome]]:
-    """Run tasks and yield each key with its outcome, in the order of finishing.
+    """Run tasks and yield each key once with its outcome, in the order of finishing.
+
+    Tasks must be repeatable: one whose worker dies, or that runs beside one, runs again.
 
     Parameters
     ----------
@@ -118,7 +124,7 @@ def run_tasks(
 
 def _run_on_dask(
     tasks: Mapping[_Key, Task], workers: int, address: str
-) -> Generator[tuple[_Key, Outcome]]:
+) -> Iterator[tuple[_Key, Outcome]]:
     attempt = functools.partial(_attempt_on_dask, _log.getEffectiveLevel())
     with _dask_client(workers, address) as client:
         # pure=False: Dask does not reuse the result of an equal task, so that it can run again.
@@ -128,16 +134,16 @@ def _run_on_dask(
         )
 
 
-def _run_in_processes(tasks: Mapping[_Key, Task], workers: int) -> Generator[tuple[_Key, Outcome]]:
+def _run_in_processes(tasks: Mapping[_Key, Task], workers: int) -> Iterator[tuple[_Key, Outcome]]:
     waiting = iter(tasks.items())
     has_started = _SPAWN.Event()
     is_done = False
     while not is_done:
-        running: dict[_Key, Task] = {}
+        unfinished: dict[_Key, Task] = {}
         try:
             with _executor(workers, has_started) as executor:
                 yield from _outcomes(
-                    lambda *task: executor.submit(_attempt, *task), waiting, running, 2 * workers
+                    lambda *task: executor.submit(_attempt, *task), waiting, unfinished, 2 * workers
                 )
             is_done = True
         except BrokenProcessPool as error:
@@ -147,55 +153,101 @@ def _run_in_processes(tasks: Mapping[_Key, Task], workers: int) -> Generator[tup
                     f"calls this, it must do so {_GUARD}"
                 ) from error
             # A task crashed its worker: run each alone to find which one.
-            for key, task in running.items():
+            for key, task in unfinished.items():
                 yield key, _isolated(task, has_started)
 
 
 def _outcomes(
     submit: Callable[..., Future[Outcome]],
     waiting: Iterator[tuple[_Key, Task]],
-    running: dict[_Key, Task],
+    unfinished: dict[_Key, Task],
     window: int,
-    attempts: int = 3,
-) -> Generator[tuple[_Key, Outcome]]:
-    """Keep ``window`` tasks submitted until none is waiting; ``running`` holds the submitted ones.
+) -> Iterator[tuple[_Key, Outcome]]:
+    """Yield the outcomes of all waiting tasks, of which ``window`` are submitted at any time.
 
-    If a worker of Dask dies too often, all tasks on it fail. They run again one after the other, so
-    that only the task that crashes has an error. Tasks that are lost because the connection to the
-    scheduler broke run again, too.
+    Tasks that are lost because the connection to a scheduler broke run again. If a worker of Dask
+    dies too often, all tasks on it fail. They run again one after the other, so that only the task
+    that crashes has an error.
+
+    Parameters
+    ----------
+    submit : callable
+        Submits a function and its arguments to an executor.
+    waiting : iterator
+        Keys and tasks, read while the work proceeds.
+    unfinished : dict
+        Receives each task that is read, until its outcome is yielded. After a BrokenProcessPool the
+        caller must run these tasks itself; some of them may have run already.
+    window : int
+        Number of tasks that are submitted at any time.
+
+    Raises
+    ------
+    BrokenProcessPool
+        A worker process died.
     """
-    finished: SimpleQueue[tuple[_Key, Future[Outcome]]] = SimpleQueue()
     given_up: dict[_Key, Task] = {}
-    lost: dict[_Key, Task] = {}
+    for _ in range(_ATTEMPTS):
+        lost: dict[_Key, Task] = {}
+        for key, future in _finished(submit, waiting, unfinished, window):
+            error = _error_of(future)
+            if error is None:
+                del unfinished[key]
+                yield key, future.result()
+            elif isinstance(error, CancelledError):
+                lost[key] = unfinished[key]
+            else:
+                given_up[key] = unfinished[key]
+        waiting = iter(lost.items())
+    yield from _one_by_one(submit, given_up | lost, unfinished)
+
+
+def _one_by_one(
+    submit: Callable[..., Future[Outcome]],
+    tasks: Mapping[_Key, Task],
+    unfinished: dict[_Key, Task],
+) -> Iterator[tuple[_Key, Outcome]]:
+    """Yield the outcomes of tasks that run alone, so that each error is that of its own task."""
+    for key, future in _finished(submit, iter(tasks.items()), unfinished, 1):
+        error = _error_of(future)
+        del unfinished[key]
+        yield key, future.result() if error is None else _failure(error)
+
+
+def _finished(
+    submit: Callable[..., Future[Outcome]],
+    waiting: Iterator[tuple[_Key, Task]],
+    unfinished: dict[_Key, Task],
+    window: int,
+) -> Iterator[tuple[_Key, Future[Outcome]]]:
+    """Keep ``window`` tasks submitted until none is waiting; yield their futures when done.
+
+    A done future is yielded before the next task is submitted, because submitting may raise
+    BrokenProcessPool. Each task that is read is added to ``unfinished``.
+    """
+    done: SimpleQueue[tuple[_Key, Future[Outcome]]] = SimpleQueue()
+    num_running = 0
 
     def start(key: _Key, task: Task) -> None:
-        running[key] = task
-        function, arguments = task
-        future = submit(function, arguments)
-        future.add_done_callback(lambda done: finished.put((key, done)))
+        unfinished[key] = task
+        submit(*task).add_done_callback(lambda future: done.put((key, future)))
 
-    for key, task in islice(waiting, window):
-        start(key, task)
-    while running:
-        key, future = finished.get()
-        error = CancelledError() if future.cancelled() else future.exception()
-        if isinstance(error, BrokenProcessPool):
+    while True:
+        for key, task in islice(waiting, window - num_running):
+            start(key, task)
+            num_running += 1
+        if not num_running:
+            return
+        key, future = done.get()
+        num_running -= 1
+        if isinstance(error := _error_of(future), BrokenProcessPool):
             raise error
-        task = running.pop(key)
-        for following in islice(waiting, 1):
-            start(*following)
-        if error is None:
-            yield key, future.result()
-        elif isinstance(error, CancelledError) and attempts > 1:
-            lost[key] = task
-        elif window > 1:
-            given_up[key] = task
-        else:
-            yield key, _failure(error)
-    if lost:
-        yield from _outcomes(submit, iter(lost.items()), running, window, attempts - 1)
-    if given_up:
-        yield from _outcomes(submit, iter(given_up.items()), running, 1, 1)
+        yield key, future
+
+
+def _error_of(future: Future[Outcome]) -> BaseException | None:
+    """Return the error of a future that is done, CancelledError if it was cancelled."""
+    return CancelledError() if future.cancelled() else future.exception()
 
 
 def _attempt_on_dask(
@@ -226,7 +278,11 @@ def _isolated(task: Task, has_started: Event) -> Outcome:
     try:
         with _executor(1, has_started) as executor:
             future: Future[Outcome] = executor.submit(_attempt, *task)
-            return future.result()
+            error = future.exception()
+            if isinstance(error, BrokenProcessPool):
+                raise error
+            # The value of a task may be one that cannot be sent to this process.
+            return future.result() if error is None else _failure(error)
     except BrokenProcessPool:
         line = "the process that ran it died (out of memory, or a crash)"
         return Outcome(error=line, details={"code": "process", "message": line})
