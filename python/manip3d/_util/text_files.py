@@ -1,6 +1,6 @@
 """Safe reading of untrusted text, XML and YAML: regular files of bounded size, with any bytes.
 
-XML may have no entities and no external files, and has a bounded depth; YAML may have no aliases.
+XML may have no entities and no external DTD, and has a bounded depth; YAML may have no aliases.
 """
 
 from __future__ import annotations
@@ -21,6 +21,8 @@ MAX_BYTES = 16 << 20  # largest size of a text or XML file, bytes
 # PyYAML takes about a second to parse a file of this size.
 _MAX_YAML_BYTES = 128 << 10
 _MAX_DEPTH = 64  # largest depth of nested XML elements
+# Number of XML elements between two checks of the time, a few hundredths of a second.
+_ELEMENTS_A_CHECK = 1 << 16
 
 
 def parse_xml(path: Path) -> Element:
@@ -29,8 +31,8 @@ def parse_xml(path: Path) -> Element:
     Raises
     ------
     FormatError
-        The file is not well-formed, is larger than 16 MiB, has more than 64 levels, or declares
-        entities.
+        The file is not well-formed, is larger than 16 MiB, has more than 64 levels, declares
+        entities, or has an external DTD.
     """
     return parse_xml_bytes(limited_bytes(path, MAX_BYTES), str(path))
 
@@ -38,13 +40,31 @@ def parse_xml(path: Path) -> Element:
 def parse_xml_bytes(
     data: bytes,
     file: str,
-    look: Callable[[float], None] | None = None,
+    check_time: Callable[[float], None] | None = None,
     *,
-    most_depth: int = _MAX_DEPTH,
+    max_depth: int = _MAX_DEPTH,
 ) -> Element:
-    """Return the root element of XML bytes; errors name ``file``. See `parse_xml`.
+    """Return the root element of XML bytes, the size of which the caller must bound.
 
-    ``look`` is called every 65,536 elements; it may raise to end the reading.
+    Tags and attributes keep their namespace prefixes: ``<x:b/>`` has the tag ``x:b``.
+
+    Parameters
+    ----------
+    data : bytes
+        An XML document.
+    file : str
+        Name of the file in errors.
+    check_time : callable, optional
+        Called with 0.0 every 65,536 elements, as the number of all elements is not known. It may
+        raise to end the reading.
+    max_depth : int
+        Largest depth of nested elements.
+
+    Raises
+    ------
+    FormatError
+        The document is not well-formed, is nested deeper than ``max_depth``, declares entities, or
+        has an external DTD, which could define them.
     """
     from xml.etree.ElementTree import TreeBuilder
     from xml.parsers import expat
@@ -60,10 +80,10 @@ def parse_xml_bytes(
         nonlocal depth, num_elements
         depth += 1
         num_elements += 1
-        if look is not None and num_elements % 65536 == 0:
-            look(0.0)
-        if depth > most_depth:
-            raise fail(f"elements nested deeper than {most_depth}")
+        if check_time is not None and num_elements % _ELEMENTS_A_CHECK == 0:
+            check_time(0.0)
+        if depth > max_depth:
+            raise fail(f"elements nested deeper than {max_depth}")
         builder.start(tag, attributes)
 
     def end(tag: str) -> None:
@@ -72,13 +92,14 @@ def parse_xml_bytes(
         builder.end(tag)
 
     def refuse(*_: Any) -> int:
-        raise fail("entities are refused")
+        raise fail("entities and external DTDs are refused")
 
     parser.StartElementHandler = start
     parser.EndElementHandler = end
     parser.CharacterDataHandler = builder.data
     parser.EntityDeclHandler = refuse
-    parser.ExternalEntityRefHandler = refuse
+    # With an external DTD, expat would delete undefined entities from texts and attributes.
+    parser.NotStandaloneHandler = refuse
     parser.buffer_text = True
     try:
         parser.Parse(data, True)

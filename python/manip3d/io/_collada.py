@@ -87,7 +87,7 @@ def read(
         does not name the file.
     """
     text = _up_to_end(data)
-    document = _Document(parse_xml_bytes(text, "", look, most_depth=_DEEPEST_ELEMENT))
+    document = _Document(parse_xml_bytes(text, "", look, max_depth=_DEEPEST_ELEMENT))
     if data[len(text) :].strip(b"\0"):
         document.warn("bytes behind the end of the document are left out")
     looks = _Materials(document, folder, allow_outside=allow_outside)
