@@ -323,6 +323,55 @@ def test_two_runs_of_one_thing_lose_no_rows(
     assert Rows(folder, {"ratio": 0.5}).load("a") == {"faces": 500}
 
 
+@pytest.mark.parametrize(
+    "asked", [{"size": (1, 2)}, {"limit": float("nan")}, {"level": {9: 1, 10: 2}}], ids=str
+)
+def test_options_are_compared_as_json(asked: dict[str, Any], tmp_path: Path) -> None:
+    folder = str(tmp_path / "t.rows")
+    first = Rows(folder, asked)
+    first.save("a", {"faces": 500})
+    first.flush()
+    assert Rows(folder, asked).load("a") == {"faces": 500}
+    with pytest.raises(InputError, match="other options"):
+        Rows(folder, {"size": (1, 3)})
+
+
+def test_a_saved_row_is_loaded_as_it_will_be_by_the_next_run(tmp_path: Path) -> None:
+    folder = str(tmp_path / "t.rows")
+    rows = Rows(folder, {})
+    saved = rows.save("a", {"size": (1, 2), "levels": {9: 1, 10: 2}})
+    assert saved == rows.load("a") == {"size": [1, 2], "levels": {"9": 1, "10": 2}}
+    assert repr(rows).endswith("1 row>")
+    rows.flush()
+    assert Rows(folder, {}).load("a") == saved
+
+
+def test_parts_are_numbered_beyond_a_million(tmp_path: Path) -> None:
+    folder = tmp_path / "t.rows"
+    for number, faces in ((999_999, 1), (1_000_000, 2)):
+        rows = Rows(str(folder), {})
+        rows._next = number
+        rows.save("a", {"faces": faces})
+        rows.flush()
+    rows = Rows(str(folder), {})
+    assert rows.load("a") == {"faces": 2}  # the later one
+    rows.save("b", {"faces": 3})
+    rows.flush()
+    assert len(list(folder.glob("1000001-*.jsonl"))) == 1
+
+
+def test_a_folder_that_is_removed_meanwhile_begins_anew(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = str(tmp_path / "t.rows")
+    with monkeypatch.context() as patch:
+        patch.setattr(Place, "names", lambda place: ["run.json"])
+        rows = Rows(folder, {})
+    rows.save("a", {"faces": 500})
+    rows.flush()
+    assert Rows(folder, {}).load("a") == {"faces": 500}
+
+
 # --- files that are not there, and names that are no text -----------------------------------------
 
 

@@ -16,6 +16,7 @@ import hashlib
 import json
 import secrets
 import time
+from collections.abc import Collection, Iterable
 from typing import Any
 
 from manip3d._util.json import canonical_json, sealed, unsealed
@@ -23,27 +24,29 @@ from manip3d._util.texts import counted
 from manip3d.batch._places import Place
 from manip3d.errors import InputError
 
-_FLUSH_S = 1.0  # a run that is killed loses the rows of this time at most
+_FLUSH_S = 1.0
+"""Seconds for which `Rows.save` keeps rows in memory, so that many of them share a file. A run that
+is killed loses those rows."""
 
 
 class Rows:
-    """The rows of a batch, stored once a second; a `manip3d.batch` store.
+    """The rows of a batch, many in a file; a `manip3d.batch` store.
 
     Parameters
     ----------
     folder : path or URL
         Made if it is absent.
     asked : dict
-        Function and options of the run, as JSON values.
+        Function and options of the run, as values that JSON can represent.
     overwrite : bool
-        Forget the rows that are there, of whatever run.
+        Remove all stored rows, also those of another function or of other options.
     resume : bool
-        Without it, rows of the same function and options are forgotten, too.
+        False: remove the stored rows of the same function and options, too.
 
     Raises
     ------
     InputError
-        The rows that are there are those of another function or of other options.
+        The stored rows are those of another function or of other options.
     """
 
     def __init__(
@@ -55,18 +58,48 @@ class Rows:
         resume: bool = True,
     ) -> None:
         self._place = Place(folder)
-        self._asked = hashlib.sha256(canonical_json(asked)).hexdigest()[:16]
+        asked = _as_read(asked)
+        self._asked_hash = hashlib.sha256(canonical_json(asked)).hexdigest()[:16]
         self._waiting: list[str] = []
         self._flushed_s = time.monotonic()
         self._rows: dict[str, dict[str, Any]] = {}
-        parts = sorted(name for name in self._place.names() if name.endswith(".jsonl"))
-        self._next = 1 + max((int(p[:6]) for p in parts if p[:6].isdecimal()), default=0)
-        self.is_new = overwrite or not self._holds(asked) or not resume
-        if self.is_new:
-            # The rows go first: a run that is ended in between leaves none under another's name.
-            self._place.remove(parts)
-            self._place.write("run.json", json.dumps(sealed({"asked": asked}), indent=1))
-            return
+        names = self._place.names()
+        parts = sorted((name for name in names if name.endswith(".jsonl")), key=_number_of)
+        self._next = 1 + max(map(_number_of, parts), default=0)
+        if not overwrite and self._has_begun(asked, names) and resume:
+            self._load_parts(parts)
+        else:
+            self._begin(asked, parts)
+
+    def __repr__(self) -> str:
+        return f"<manip3d.batch.Rows: {self._place}, {counted(len(self._rows), 'row')}>"
+
+    def _has_begun(self, asked: dict[str, Any], names: Collection[str]) -> bool:
+        """Return whether an earlier run has stored rows here; raise if it asked something else."""
+        if "run.json" not in names:
+            return False
+        try:
+            record = unsealed(self._place.read("run.json"))
+        except FileNotFoundError:  # removed meanwhile
+            return False
+        # The texts are compared, because NaN equals itself only there.
+        if record is not None and canonical_json(record.get("asked")) != canonical_json(asked):
+            raise InputError(
+                f"{self._place}: holds results of another command or of other options; "
+                "overwrite=True makes them again"
+            )
+        return record is not None
+
+    def _begin(self, asked: dict[str, Any], parts: list[str]) -> None:
+        """Remove the stored rows, and store what is asked for now.
+
+        The rows go first: a run that is ended in between leaves none under another's name.
+        """
+        self._place.remove(parts)
+        self._place.write("run.json", json.dumps(sealed({"asked": asked}), indent=1))
+
+    def _load_parts(self, parts: Iterable[str]) -> None:
+        """Load the rows of the same function and options; the last row of a key counts."""
         for name in parts:
             try:
                 lines = self._place.read(name).splitlines()
@@ -74,23 +107,8 @@ class Rows:
                 continue
             for line in lines:
                 record = unsealed(line)
-                if record is not None and record.get("asked") == self._asked:
+                if record is not None and record.get("asked") == self._asked_hash:
                     self._rows[record["key"]] = record["row"]
-
-    def __repr__(self) -> str:
-        return f"<manip3d.batch.Rows: {self._place}, {counted(len(self._rows), 'row')}>"
-
-    def _holds(self, asked: dict[str, Any]) -> bool:
-        """Whether rows are there, all of what is asked for now."""
-        if "run.json" not in self._place.names():
-            return False
-        record = unsealed(self._place.read("run.json"))
-        if record is not None and record.get("asked") != asked:
-            raise InputError(
-                f"{self._place}: holds results of another command or of other options; "
-                "overwrite=True makes them again"
-            )
-        return record is not None
 
     def load(self, key: str) -> dict[str, Any] | None:
         """Return the row of a key, or None.
@@ -107,7 +125,7 @@ class Rows:
         return self._rows.get(key)
 
     def save(self, key: str, row: dict[str, Any]) -> dict[str, Any]:
-        """Keep a row; it is on disk within a second, or after `flush`.
+        """Keep a row in memory; it is stored by `flush`, or by a `save` in a later second.
 
         Parameters
         ----------
@@ -119,19 +137,32 @@ class Rows:
         Returns
         -------
         dict
-            The same row.
+            The row as `load` returns it: tuples have become lists, and keys strings.
         """
-        record = {"key": key, "asked": self._asked, "row": row}
+        row = self._rows[key] = _as_read(row)
+        record = {"key": key, "asked": self._asked_hash, "row": row}
         self._waiting.append(json.dumps(sealed(record), separators=(",", ":")))
         if time.monotonic() - self._flushed_s >= _FLUSH_S:
             self.flush()
         return row
 
     def flush(self) -> None:
-        """Store the rows that are not yet."""
+        """Store the rows that are still waiting in memory."""
         if self._waiting:
             name = f"{self._next:06d}-{secrets.token_hex(4)}.jsonl"
             self._place.write(name, "\n".join(self._waiting) + "\n")
             self._next += 1
             self._waiting = []
         self._flushed_s = time.monotonic()
+
+
+def _as_read(value: dict[str, Any]) -> dict[str, Any]:
+    """Return a value as it is read from JSON: with lists for tuples, and strings for keys."""
+    read: dict[str, Any] = json.loads(json.dumps(value))
+    return read
+
+
+def _number_of(part: str) -> int:
+    """Return the number that begins the name of a part; 0 for a file that another program made."""
+    number = part.partition("-")[0]
+    return int(number) if number.isascii() and number.isdecimal() else 0
