@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+import tracemalloc
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ import pytest
 from bvh_motions import read_bvh as read_directly
 from bvh_motions import waving
 from manip3d import FormatError, InputError, capture, io, modify
+from manip3d.io import _bvh
 from manip3d.rgbd import INFERRED, JOINTS, NOT_TRACKED, TRACKED
 
 SMALL = """HIERARCHY
@@ -55,6 +57,40 @@ def test_positions_follow_the_channels_in_their_order(tmp_path: Path) -> None:
 def test_a_root_without_position_channels_stays_at_its_offset(tmp_path: Path) -> None:
     text = "hierarchy root a { offset 1 2 3 channels 1 yrotation } motion frames: 1 frame time: 1 9"
     np.testing.assert_array_equal(read(text, tmp_path).positions, [[(1, 2, 3)]])
+
+
+def test_a_position_channel_of_the_root_replaces_the_offset_along_its_axis(tmp_path: Path) -> None:
+    text = "hierarchy root a { offset 1 2 3 channels 1 yposition } motion frames: 1 frame time: 1 9"
+    np.testing.assert_array_equal(read(text, tmp_path).positions, [[(1, 9, 3)]])
+
+
+def test_a_byte_order_mark_is_skipped(tmp_path: Path) -> None:
+    motion = read(b"\xef\xbb\xbf" + SMALL.encode(), tmp_path)
+    np.testing.assert_array_equal(motion.positions, read(SMALL, tmp_path).positions)
+
+
+def test_numbers_may_stand_on_one_long_line(tmp_path: Path) -> None:
+    """A line of several pieces has the values of many lines, and little memory for its words."""
+    head = "HIERARCHY ROOT a { OFFSET 0 0 0 CHANNELS 3 Xposition Yposition Zposition }\nMOTION\n"
+    values = np.arange(90_000, dtype=float).reshape(-1, 3)
+    head += f"Frames: {len(values)}\nFrame Time: 1\n"
+    motion = read(head + " ".join(str(value) for value in values.ravel()), tmp_path)
+    np.testing.assert_array_equal(motion.positions[:, 0], values)
+    with pytest.raises(FormatError, match="line 6: expected a number, got 'x'"):
+        read(head + "1 " * 80_000 + "\rx" + " 1" * 99_999, tmp_path)
+    tracemalloc.start()
+    try:
+        with pytest.raises(FormatError, match=r"line 5: .* found more"):
+            read(head.replace("Frames: 30000", "Frames: 2") + "10 " * 1_000_000, tmp_path)
+        assert tracemalloc.get_traced_memory()[1] < 12 << 20  # thrice the file, of 3 MiB
+    finally:
+        tracemalloc.stop()
+
+
+def test_memory_of_rotations_is_bounded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    motion = read(SMALL, tmp_path)
+    monkeypatch.setattr(_bvh, "_MAX_ROTATIONS", 3)  # one frame of two joints at a time
+    np.testing.assert_array_equal(read(SMALL, tmp_path).positions, motion.positions)
 
 
 def test_what_was_exported_comes_back(tmp_path: Path) -> None:

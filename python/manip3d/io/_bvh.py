@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import codecs
 import math
 import os
+import re
+from array import array
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 
@@ -28,6 +31,15 @@ MAX_JOINTS = 1024
 
 _MAX_FRAMES = 1 << 24  # largest number of frames of a motion
 _FARTHEST = 1e9  # largest offset or channel value; sums of larger ones lose their decimals
+_MAX_WORD = 256  # largest length of a word in bytes; names of joints have at most about 50
+_MAX_NAME_WORDS = 16  # largest number of words of a joint's name, which usually has one
+_MAX_DIGITS = 11  # of a whole number; all limits of whole numbers have fewer
+# Number of bytes of channel values that are split into words at a time: enough to be fast, while
+# the words, each of which is an object, need little memory however long a line is.
+_PIECE_BYTES = 1 << 16
+# Number of frames times joints for which rotations are held at a time, 72 bytes each.
+_MAX_ROTATIONS = 1 << 20
+_WORD, _GAP, _LINE_END = (re.compile(each) for each in (rb"\S+", rb"\s", rb"\r\n?|\n"))
 _CHANNELS = {
     f"{axis}{kind}".lower(): (number, kind == "rotation")
     for kind in ("position", "rotation")
@@ -116,8 +128,8 @@ def read_bvh(path: str | os.PathLike[str]) -> Motion:
     -----
     A joint's coordinate frame is that of its parent, moved by OFFSET and by its position channels,
     and rotated by its rotation channels in the order of the file [M. Meredith and S. Maddock,
-    "Motion Capture File Formats Explained", Sheffield 2001]. Position channels of the root replace
-    its OFFSET; those of other joints are added to it.
+    "Motion Capture File Formats Explained", Sheffield 2001]. A position channel of the root
+    replaces its OFFSET along that axis; those of other joints are added to it.
 
     Examples
     --------
@@ -145,7 +157,7 @@ def read_bvh(path: str | os.PathLike[str]) -> Motion:
     if size > MAX_BYTES:
         raise FormatError(f"expected at most {MAX_BYTES} bytes, got {size}", file=name)
     with clock(name) as look:
-        reader = _Reader(regular_bytes(path_of(path)).splitlines(), name, look)
+        reader = _Reader(regular_bytes(path_of(path)), name, look)
         joints = _hierarchy(reader)
         count, frame_s = _header(reader)
         check_points(count * len(joints), name)
@@ -153,33 +165,35 @@ def read_bvh(path: str | os.PathLike[str]) -> Motion:
         return Motion(
             tuple(joint.name for joint in joints),
             tuple(joint.parent for joint in joints),
-            _places(joints, values),
+            _positions(joints, values),
             frame_s,
         )
 
 
 class _Reader:
-    """Tokenizer: yields the words of a file in order, and knows the line of each."""
+    """Tokenizer: yields the words of a file in order; errors name the line of the last word."""
 
-    def __init__(self, lines: list[bytes], file: str, look: Callable[[float], None] | None) -> None:
-        self._lines, self._file = lines, file
-        self._look = look  # raises FormatError when the time limit is exceeded
-        self.line = 0  # 1-based number of the line of the last word
-        self._words: Iterator[bytes] = iter(())
+    def __init__(self, data: bytes, file: str, look: Callable[[float], None] | None) -> None:
+        self._data = data.removeprefix(codecs.BOM_UTF8).rstrip()
+        self._file = file
+        self._look = look  # raises FormatError when a time limit is exceeded; None without one
+        self._end = 0  # of the last word
 
     def fail(self, reason: str) -> FormatError:
-        return FormatError(reason, file=self._file, line=max(1, self.line))
+        line_ends = sum(1 for _ in _LINE_END.finditer(self._data, 0, self._end))
+        return FormatError(reason, file=self._file, line=1 + line_ends)
 
     def word(self, expected: str) -> str:
         """Return the next word."""
-        while (found := next(self._words, None)) is None:
-            if self.line >= len(self._lines):
-                raise self.fail(f"expected {expected}, found the end of the file")
-            self._words = iter(self._lines[self.line].split())
-            self.line += 1
-        if len(found) > 256:
-            raise self.fail(f"expected {expected}, got a word of {len(found)} bytes")
-        return found.decode("utf-8", "surrogateescape")
+        if self._look is not None:
+            self._look(self._end / max(1, len(self._data)))
+        found = _WORD.search(self._data, self._end)
+        if found is None:
+            raise self.fail(f"expected {expected}, found the end of the file")
+        self._end = found.end()
+        if (size := found.end() - found.start()) > _MAX_WORD:
+            raise self.fail(f"expected {expected}, got a word of {size} bytes")
+        return found.group().decode("utf-8", "surrogateescape")
 
     def expect(self, *words: str) -> None:
         """Read the given words, and raise if the file has others."""
@@ -198,18 +212,30 @@ class _Reader:
     def whole(self, expected: str, low: int, high: int) -> int:
         """Read an integer from ``low`` to ``high``."""
         got = self.word(expected)
-        if not (got.isascii() and got.isdigit() and len(got) < 12 and low <= int(got) <= high):
+        if not (
+            got.isascii() and got.isdigit() and len(got) <= _MAX_DIGITS and low <= int(got) <= high
+        ):
             raise self.fail(f"expected {expected}, {low} to {high}, got {got!r}")
         return int(got)
 
-    def rest(self) -> Iterator[bytes]:
-        """Yield the rest of the current line, then each remaining line."""
-        yield b" ".join(self._words)
-        while self.line < len(self._lines):
-            self.line += 1
+    def pieces(self) -> Iterator[list[bytes]]:
+        """Yield the words of the rest of the file, a piece of the file at a time.
+
+        While a piece is used, the reader stays at its beginning, see `skip`.
+        """
+        while self._end < len(self._data):
             if self._look is not None:
-                self._look(self.line / len(self._lines))
-            yield self._lines[self.line - 1]
+                self._look(self._end / len(self._data))
+            gap = _GAP.search(self._data, self._end + _PIECE_BYTES)
+            end = gap.start() if gap else len(self._data)
+            yield self._data[self._end : end].split()
+            self._end = end
+
+    def skip(self, count: int) -> str:
+        """Skip words, and return the next one, so that an error names its line."""
+        for _ in range(count):
+            self.word("a number")
+        return self.word("a number")
 
 
 def _hierarchy(reader: _Reader) -> list[_Joint]:
@@ -248,7 +274,7 @@ def _begin(reader: _Reader, joints: list[_Joint], open_: list[int]) -> None:
     words = [reader.word("a joint's name")]
     while (word := reader.word("{")) != "{":
         words.append(word)
-        if len(words) > 16:
+        if len(words) > _MAX_NAME_WORDS:
             raise reader.fail("expected { behind a joint's name")
     if words[0] == "{":
         raise reader.fail("expected a joint's name, got '{'")
@@ -288,54 +314,62 @@ def _numbers(reader: _Reader, frames: int, channels: int) -> Floats:
 
     Memory is allocated for the numbers that the file holds, not for the number that it claims.
     """
-    rows: list[Floats] = []
-    found = 0
-    for line in reader.rest():
-        words = line.split()
-        if not words:
-            continue
-        found += len(words)
-        if found > frames * channels:
+    total = frames * channels
+    found = array("d")
+    for words in reader.pieces():
+        values = np.array([float_or_nan(word.decode("latin-1")) for word in words])
+        is_good = np.abs(values) <= _FARTHEST  # not NaN
+        is_good[total - len(found) :] = False
+        if not is_good.all():
+            num_good = int(np.argmin(is_good))
+            word = reader.skip(num_good)
+            if len(found) + num_good < total:
+                raise reader.fail(f"expected a number, got {word[:40]!r}")
             raise reader.fail(f"expected {frames} frames of {channels} numbers, found more")
-        row = np.array([float_or_nan(word.decode("latin-1")) for word in words])
-        if not (np.abs(row) <= _FARTHEST).all():
-            bad = words[int(np.argmin(np.abs(row) <= _FARTHEST))].decode("utf-8", "surrogateescape")
-            raise reader.fail(f"expected a number, got {bad[:40]!r}")
-        rows.append(row)
-    if found != frames * channels:
-        raise reader.fail(f"expected {frames} frames of {channels} numbers, found {found} numbers")
-    return np.concatenate(rows).reshape(frames, channels)
+        found.frombytes(values.tobytes())
+    if len(found) != total:
+        raise reader.fail(
+            f"expected {frames} frames of {channels} numbers, found {len(found)} numbers"
+        )
+    return np.frombuffer(found).reshape(frames, channels)
 
 
-def _places(joints: list[_Joint], values: Floats) -> Floats:
-    """Return positions (T, J, 3) by forward kinematics, from the root outwards."""
-    places = np.zeros((len(values), len(joints), 3))
-    turned: list[Floats] = []
-    at = 0
+def _positions(joints: list[_Joint], values: Floats) -> Floats:
+    """Return positions (T, J, 3); rotations are held for some of the frames at a time."""
+    positions = np.empty((len(values), len(joints), 3))
+    step = max(1, _MAX_ROTATIONS // len(joints))
+    for start in range(0, len(values), step):
+        _place(joints, values[start : start + step], positions[start : start + step])
+    return positions
+
+
+def _place(joints: list[_Joint], values: Floats, positions: Floats) -> None:
+    """Fill positions (T, J, 3) by forward kinematics, from the root outwards."""
+    rotations: list[Floats] = []
+    column = 0
     for number, joint in enumerate(joints):
-        moved = np.tile(joint.offset, (len(values), 1))
-        own = np.tile(np.eye(3), (len(values), 1, 1))
-        channels = joint.channels or ()
-        if joint.parent < 0 and any(not _CHANNELS[channel][1] for channel in channels):
-            moved[:] = 0.0
-        for channel in channels:
+        translation = np.tile(joint.offset, (len(values), 1))
+        rotation = np.tile(np.eye(3), (len(values), 1, 1))
+        for channel in joint.channels or ():
             axis, is_rotation = _CHANNELS[channel]
             if is_rotation:
-                own = _turned(own, axis, values[:, at])
+                rotation = _rotated(rotation, axis, values[:, column])
+            elif joint.parent < 0:
+                translation[:, axis] = values[:, column]
             else:
-                moved[:, axis] += values[:, at]
-            at += 1
+                translation[:, axis] += values[:, column]
+            column += 1
         if joint.parent < 0:
-            places[:, number] = moved
+            positions[:, number] = translation
         else:
-            before = turned[joint.parent]
-            places[:, number] = places[:, joint.parent] + np.einsum("tij,tj->ti", before, moved)
-            own = np.einsum("tij,tjk->tik", before, own)
-        turned.append(own)
-    return places
+            parent_rotation = rotations[joint.parent]
+            moved = np.einsum("tij,tj->ti", parent_rotation, translation)
+            positions[:, number] = positions[:, joint.parent] + moved
+            rotation = np.einsum("tij,tjk->tik", parent_rotation, rotation)
+        rotations.append(rotation)
 
 
-def _turned(rotation: Floats, axis: int, degrees: Floats) -> Floats:
+def _rotated(rotation: Floats, axis: int, degrees: Floats) -> Floats:
     """Return rotations (T, 3, 3), each times a rotation by ``degrees`` about its own ``axis``."""
     angle = np.deg2rad(degrees)
     cosine, sine = np.cos(angle)[:, None], np.sin(angle)[:, None]
