@@ -64,7 +64,7 @@ def parse_xml_bytes(
     ------
     FormatError
         The document is not well-formed, is nested deeper than ``max_depth``, declares entities, or
-        has an external DTD, which could define them.
+        has an external DTD, which could define them, without being ``standalone``.
     """
     from xml.etree.ElementTree import TreeBuilder
     from xml.parsers import expat
