@@ -412,6 +412,9 @@ def test_reading_continues_after_a_damaged_image(tmp_path: Path) -> None:
     with pytest.raises(FormatError, match="frame 2"):
         source.read()
     assert [f.number for f in source] == [3, 4, 5]
+    assert capture.record(uri, tmp_path / "copy").frames == 5
+    summary = capture.summarize(capture.open_rgbd(uri))
+    assert (summary.num_frames, summary.num_missing, summary.counters["damaged"]) == (5, 1, 1)
 
 
 def test_bags_without_depth_images_say_so(tmp_path: Path) -> None:

@@ -543,6 +543,55 @@ def test_numbers_of_frames_must_agree(tmp_path: Path) -> None:
         joined(tmp_path / "walk", file)
 
 
+@pytest.mark.parametrize("kind", ["number", "index"])
+def test_reading_continues_after_a_frame_that_cannot_be_read(tmp_path: Path, kind: str) -> None:
+    frames = recorded(tmp_path / "walk")
+    if kind == "index":
+        file = tmp_path / "a.skeleton"
+        file.write_text(ntu([[frame.skeletons[0]] for frame in frames]))
+    else:
+        file = tmp_path / "a.csv"
+        capture.export_joints(frames, file)
+    image = sorted((tmp_path / "walk" / "depth").iterdir())[1]
+    image.write_bytes(image.read_bytes()[:100])
+    uri = f"joints:{tmp_path / 'walk'}#{file}"
+    with capture.open_rgbd(uri) as source:
+        found = list(source.past_errors())
+        assert [one and one.number for one in found] == [0, None, 2, 3]
+        assert list(source.errors) == [1]
+        assert source.read() is None
+    for one, frame in zip(found, frames, strict=True):
+        if one is not None:
+            assert one.skeletons[0].positions == pytest.approx(
+                frame.skeletons[0].positions, abs=1e-5
+            )
+    source = capture.open_rgbd(uri)
+    for _ in range(2):  # a source that has ended begins again
+        assert [one.number for one in source._readable()] == [0, 2, 3]
+    summary = capture.summarize(source)
+    assert (summary.num_frames, summary.num_skeletons) == (3, 3)
+    assert summary.counters["damaged"] == 1
+    assert capture.record(uri, tmp_path / "copy").frames == 3
+    assert capture.export_joints(uri, tmp_path / "copy.csv").frames == 3
+
+
+def test_joints_of_other_frames_are_an_error_beside_frames_that_cannot_be_read(
+    tmp_path: Path,
+) -> None:
+    frames = recorded(tmp_path / "walk")
+    file = tmp_path / "a.csv"
+    capture.export_joints([replace(frame, number=frame.number + 50) for frame in frames], file)
+    images = sorted((tmp_path / "walk" / "depth").iterdir())
+    images[1].write_bytes(images[1].read_bytes()[:100])
+    uri = f"joints:{tmp_path / 'walk'}#{file}"
+    with pytest.raises(FormatError, match="no frame has the number of any"):
+        capture.summarize(capture.open_rgbd(uri))
+    for image in images:
+        image.write_bytes(b"")
+    with pytest.raises(FormatError, match=r"0\.png"):
+        capture.summarize(capture.open_rgbd(uri))
+
+
 def test_addresses_without_a_part_or_of_cameras(tmp_path: Path) -> None:
     for uri in ("joints:", "joints:walk", "joints:#a.csv", "joints:walk#"):
         with pytest.raises(InputError, match="uri: expected joints:SOURCE#FILE"):

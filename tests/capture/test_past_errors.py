@@ -63,3 +63,11 @@ def test_a_recording_that_ends_with_an_error_keeps_what_came_before() -> None:
     errors: dict[int, str] = {}
     assert list(past_errors(recorded(), errors, (FormatError,))) == [1, None]
     assert list(errors) == [1]
+
+
+def test_an_error_after_which_nothing_follows_is_raised_on_request() -> None:
+    errors: dict[int, str] = {}
+    read = past_errors(items(DAMAGED, 1), errors, (FormatError,), goes_on=lambda: False)
+    with pytest.raises(FormatError, match=r"a\.bin"):
+        next(read)
+    assert not errors

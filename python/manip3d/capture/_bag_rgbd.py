@@ -6,7 +6,7 @@ import re
 import struct
 import warnings
 from collections import deque
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import astuple, dataclass
 from itertools import islice, takewhile
@@ -68,6 +68,7 @@ metres)."""
 
 _Pair: TypeAlias = tuple[BagPicture, BagPicture | None]
 """A depth image and its colour image."""
+_Numbered: TypeAlias = tuple[int, _Pair | UnreadPicture]
 
 
 @dataclass(frozen=True)
@@ -78,6 +79,23 @@ class _Camera:
     frame_id: str
     intrinsics: Intrinsics | None
     why_not: str  # reason why intrinsics is None, else empty
+
+
+class _Frames(Iterator[RgbdFrame]):
+    """Iterator of decoded frames, which ends with an error of the bag, but not of an image.
+
+    It is no generator, because a generator ends with its first error.
+    """
+
+    def __init__(self, decoded: Callable[[_Numbered], RgbdFrame], pairs: Iterator[_Numbered]) -> None:
+        self._decoded, self._pairs = decoded, pairs
+        self._goes_on = True
+
+    def __next__(self) -> RgbdFrame:
+        self._goes_on = False
+        numbered = next(self._pairs)
+        self._goes_on = True
+        return self._decoded(numbered)
 
 
 class BagImages:
@@ -120,11 +138,10 @@ class BagImages:
     def since(self, index: int) -> Iterator[RgbdFrame]:
         """Iterate from a frame on; the frames before it are not decoded.
 
-        After the error of a damaged image the iterator continues with the next frame: images are
-        decoded by `map`, because a generator ends with its first error.
+        After the error of a damaged image the iterator continues with the next frame.
         """
         self._without_color = 0
-        return map(self._decoded, islice(enumerate(self._pairs()), index, None))
+        return _Frames(self._decoded, islice(enumerate(self._pairs()), index, None))
 
     @property
     def _own_counters(self) -> dict[str, int]:
@@ -140,7 +157,7 @@ class BagImages:
             pairs = _paired(pictures, self._depth, self._color, self._apart_ns)
             yield from unread.put_between(pairs)
 
-    def _decoded(self, numbered: tuple[int, _Pair | UnreadPicture]) -> RgbdFrame:
+    def _decoded(self, numbered: _Numbered) -> RgbdFrame:
         number, pair = numbered
         if isinstance(pair, UnreadPicture):
             reason = f"frame {number}: {pair.topic}: {pair.reason}"

@@ -231,6 +231,13 @@ class IteratedFrames:
         """Return the number of frames; None if it is not known."""
         return self._length
 
+    def goes_on(self) -> bool:
+        """Return whether frames may follow after an error; a generator ends with its first one.
+
+        The name of the iterator's attribute is private, as in `conversions`.
+        """
+        return bool(getattr(self._frames, "_goes_on", False))
+
     def is_live(self) -> bool:
         """Return False: frames are made on demand."""
         return False

@@ -20,7 +20,6 @@ from manip3d.modify._joints import JointLayout
 from manip3d.modify._pose import body_under, depth_under_color, lifted_joints
 from manip3d.rgbd import RgbdFrame, Skeleton
 
-_LEFT_OUT = ("damaged", "out_of_order")  # counters of frames after which an index is wrong
 _NEAR_US = (0, 1, -1)  # microseconds by which times may be rounded
 
 
@@ -79,28 +78,13 @@ class JoinedJoints:
         return self.since(0)
 
     def since(self, start: int) -> Iterator[RgbdFrame]:
-        """Yield the frames from an index on."""
-        has_joints = False
-        clocks = _Clocks(self._file.times_ns)
-        index = start - 1
-        with self._opened() as source:
-            if start:
-                source.seek(start)
-            for index, frame in enumerate(source, start):
-                if self._file.key == "index":
-                    self._check_order(source)
-                people = self._people(index, frame)
-                has_joints = has_joints or people is not None
-                self._check_time(clocks, frame)
-                yield replace(frame, skeletons=self._skeletons(frame, people or ()))
-        if start == 0 and self._file.key == "index" and index + 1 != self._file.num_frames:
-            raise self._differs(index + 1)
-        if start == 0 and not has_joints:
-            what = "number" if self._file.key == "number" else "time"
-            raise FormatError(
-                f"expected joints of the recording's frames, no frame has the {what} of any",
-                file=self._path,
-            )
+        """Iterate from a frame on; after an error the iterator continues if the source does."""
+        return _JoinedFrames(self, start)
+
+    def _joined(self, index: int, frame: RgbdFrame) -> tuple[RgbdFrame, bool]:
+        """Return the frame with its skeletons, and whether the file has an entry for it."""
+        people = self._people(index, frame)
+        return replace(frame, skeletons=self._skeletons(frame, people or ())), people is not None
 
     def _people(self, index: int, frame: RgbdFrame) -> tuple[SeenPerson, ...] | None:
         frames = self._file.frames
@@ -110,15 +94,6 @@ class JoinedJoints:
             return frames.get(frame.number)
         time = frame.time_ns // 1000
         return next((frames[time + near] for near in _NEAR_US if time + near in frames), None)
-
-    def _check_order(self, source: RgbdSource) -> None:
-        counters = source.counters
-        if any(counters.get(name) for name in _LEFT_OUT):
-            raise FormatError(
-                "expected a recording whose frames can all be read, because joints are assigned by "
-                f"their order, got {source.uri}",
-                file=self._path,
-            )
 
     def _check_time(self, clocks: _Clocks, frame: RgbdFrame) -> None:
         """Warn at the first frame whose time the table contradicts."""
@@ -181,6 +156,93 @@ class JoinedJoints:
             f"{self._file.num_frames}",
             file=self._path,
         )
+
+
+class _JoinedFrames(Iterator[RgbdFrame]):
+    """Iterator of the joined frames from an index on.
+
+    It is no generator, because a generator ends with its first error, and a recording continues
+    after a frame that cannot be read.
+    """
+
+    def __init__(self, joined: JoinedJoints, start: int) -> None:
+        self._joined, self._start = joined, start
+        self._clocks = _Clocks(joined._file.times_ns)
+        self._source: RgbdSource | None = None  # opened at the first frame
+        self._index = start
+        self._num_unread = 0
+        self._has_joints = self._has_ended = False
+
+    @property
+    def _goes_on(self) -> bool:
+        """Whether frames may follow after the last error."""
+        return not self._has_ended and (self._source is None or self._source._goes_on)
+
+    def __next__(self) -> RgbdFrame:
+        if self._has_ended:
+            raise StopIteration
+        source = self._source = self._source or self._opened()
+        frame = self._read(source)
+        if frame is None:
+            self._end(source)
+            self._check_whole()
+            raise StopIteration
+        index, self._index = self._index, self._index + 1
+        if self._joined._file.key == "index":
+            self._check_order(source)
+        joined, has_joints = self._joined._joined(index, frame)
+        self._has_joints = self._has_joints or has_joints
+        self._joined._check_time(self._clocks, frame)
+        return joined
+
+    def _opened(self) -> RgbdSource:
+        self._has_ended = True  # if it cannot be opened
+        source = self._joined._opened()
+        if self._start:
+            source.seek(self._start)
+        self._has_ended = False
+        return source
+
+    def _read(self, source: RgbdSource) -> RgbdFrame | None:
+        """Read a frame; one that cannot be read has an index, too."""
+        try:
+            return source.read()
+        except Exception:
+            self._index += 1
+            self._num_unread += 1
+            raise
+
+    def _check_order(self, source: RgbdSource) -> None:
+        """Raise `FormatError` if the source has left out frames without an error.
+
+        The index of the frames after them is wrong.
+        """
+        counters = source.counters
+        if counters.get("damaged", 0) > self._num_unread or counters.get("out_of_order"):
+            self._end(source)
+            raise FormatError(
+                "expected a recording whose frames can all be read, because joints are assigned by "
+                f"their order, got {source.uri}",
+                file=self._joined._path,
+            )
+
+    def _end(self, source: RgbdSource) -> None:
+        self._has_ended = True
+        source._close()
+
+    def _check_whole(self) -> None:
+        """Raise `FormatError` if the joints are not those of the frames, of which some were read."""
+        file = self._joined._file
+        if self._start or 0 < self._num_unread == self._index:
+            return
+        if file.key == "index" and self._index != file.num_frames:
+            raise self._joined._differs(self._index)
+        if not self._has_joints:
+            what = "number" if file.key == "number" else "time"
+            raise FormatError(
+                f"expected joints of the recording's frames, no frame has the {what} of any",
+                file=self._joined._path,
+            )
 
 
 class _Clocks:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from itertools import count
 from typing import TypeVar
 
@@ -24,6 +24,7 @@ def past_errors(
     *,
     most: int | None = None,
     needs_one: bool = True,
+    goes_on: Callable[[], bool] = lambda: True,
 ) -> Iterator[_Item | None]:
     """Yield the items, and None for each one that cannot be read.
 
@@ -40,6 +41,8 @@ def past_errors(
         for ever.
     needs_one : bool
         Raise the first error at the end if no item could be read.
+    goes_on : callable
+        Called after each error, which is raised if it returns False.
 
     Yields
     ------
@@ -55,6 +58,8 @@ def past_errors(
                 raise first from None
             return
         except reasons as error:
+            if not goes_on():
+                raise
             first = first or error
             errors[number] = _told(error)
             if most is not None and len(errors) > most:

@@ -269,23 +269,33 @@ class RgbdSource(FrameSource[RgbdFrame]):
         InputError
             A ``with`` statement has closed the source.
         """
+        yield from self._past_errors(lambda: True)
+
+    def _past_errors(self, goes_on: Callable[[], bool]) -> Iterator[RgbdFrame | None]:
         self._check_open()
         self.errors.clear()
         frames = cast("Iterator[RgbdFrame]", iter(self.read, None))
         most = self.num_frames or _MAX_ERRORS
-        yield from past_errors(frames, self.errors, (FormatError, OSError), most=most)
+        reasons = (FormatError, OSError)
+        yield from past_errors(frames, self.errors, reasons, most=most, goes_on=goes_on)
+
+    @property
+    def _goes_on(self) -> bool:
+        """Whether frames may follow after one that cannot be read."""
+        return not isinstance(self._source, IteratedFrames) or self._source.goes_on()
 
     def _readable(self) -> Iterator[RgbdFrame]:
         """Read frames without those of a recording that cannot be read; these are in `errors`.
 
-        Errors of other sources are raised: a camera or an iterator does not continue after one.
+        Errors of other sources are raised: a camera or a generator does not continue after one. An
+        error after which a recording does not continue is raised, too.
         """
-        if self.num_frames is None or isinstance(self._source, IteratedFrames):
-            yield from self
-            return
         if self._has_ended:
             self._rewind()
-        for frame in self.past_errors():
+        if self.num_frames is None or not self._goes_on:
+            yield from self
+            return
+        for frame in self._past_errors(lambda: self._goes_on):
             if frame is not None:
                 yield frame
             elif self.is_live:  # a recording in real time repeats an error until it is started
