@@ -592,6 +592,27 @@ def test_joints_of_other_frames_are_an_error_beside_frames_that_cannot_be_read(
         capture.summarize(capture.open_rgbd(uri))
 
 
+def test_joints_by_order_are_refused_after_frames_that_matroska_lost(tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    depth = [rng.integers(500, 4000, (48, 64)).astype(np.uint16) for _ in range(10)]
+    camera = RgbdCalibration(Intrinsics(64, 48, fx=60, fy=60, cx=31.5, cy=23.5))
+    frames = [
+        RgbdFrame(image, camera, time_ns=n * 33_000_000, number=n) for n, image in enumerate(depth)
+    ]
+    capture.record(frames, tmp_path / "walk.mkv")
+    data = bytearray((tmp_path / "walk.mkv").read_bytes())
+    middle = len(data) // 2
+    data[middle : middle + 3000] = bytes(3000)
+    (tmp_path / "walk.mkv").write_bytes(data)
+    file = tmp_path / "a.skeleton"
+    file.write_text(ntu([[bodies()[0]]] * 10))
+    with capture.open_rgbd(f"joints:mkv:{tmp_path / 'walk.mkv'}#{file}") as source:
+        read = iter(source)
+        assert next(read).number == 0
+        with pytest.raises(FormatError, match="joints are assigned by their order"):
+            list(read)
+
+
 def test_addresses_without_a_part_or_of_cameras(tmp_path: Path) -> None:
     for uri in ("joints:", "joints:walk", "joints:#a.csv", "joints:walk#"):
         with pytest.raises(InputError, match="uri: expected joints:SOURCE#FILE"):

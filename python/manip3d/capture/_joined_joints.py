@@ -218,7 +218,8 @@ class _JoinedFrames(Iterator[RgbdFrame]):
         The index of the frames after them is wrong.
         """
         counters = source.counters
-        if counters.get("damaged", 0) > self._num_unread or counters.get("out_of_order"):
+        unread = counters.get("damaged", 0) + counters.get("lost", 0)
+        if unread > self._num_unread or counters.get("out_of_order"):
             self._end(source)
             raise FormatError(
                 "expected a recording whose frames can all be read, because joints are assigned by "
