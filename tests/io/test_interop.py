@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 import manip3d
 from gltf_files import PNG
-from manip3d import Material, Mesh, Texture
+from manip3d import InputError, Material, Mesh, Texture
 
 
 def picture() -> bytes:
@@ -442,3 +442,11 @@ def test_a_missing_package_names_its_cure(
     monkeypatch.setitem(sys.modules, package, None)
     with pytest.raises(manip3d.MissingExtraError, match=cure):
         getattr(mesh, method)()
+
+
+@pytest.mark.parametrize("shape", [(8,), (8, 1)])
+def test_trimesh_colours_of_another_shape_are_refused(shape: tuple[int, ...]) -> None:
+    box = pytest.importorskip("trimesh").creation.box()
+    box.vertex_attributes["color"] = np.full(shape, 7, np.uint8)
+    with pytest.raises(InputError, match=r"expected \(V, 3\) or \(V, 4\) .* got \(8,"):
+        Mesh.from_trimesh(box)

@@ -275,3 +275,17 @@ def test_chosen_points_of_an_organised_cloud_are_written_as_they_were_chosen(
     write_scan(chosen, tmp_path / f"b{suffix}")
     found = read_scan(tmp_path / f"b{suffix}")
     assert np.array_equal(found.points, chosen.points)
+
+
+def test_columns_named_as_the_arrays_of_open3d_are_kept(tmp_path: Path) -> None:
+    colors = dict.fromkeys(("red", "green", "blue"), np.arange(30, dtype=np.uint8))
+    fields = {"positions": np.arange(30.0), "positions_2": np.arange(30), **colors}
+    frame = LidarFrame(POINTS, fields={**fields, "colors": np.arange(30) + 7})
+    with pytest.warns(UserWarning, match="positions as positions_3, colors as colors_2"):
+        frame.write(tmp_path / "a.npz")
+    found = read_scan(tmp_path / "a.npz")
+    np.testing.assert_array_equal(found.points, POINTS)
+    assert found.fields["positions_3"].tolist() == list(range(30))
+    assert found.fields["positions_2"].tolist() == list(range(30))
+    assert found.fields["colors_2"].tolist() == list(range(7, 37))
+    assert found.fields["green"].tolist() == list(range(30))

@@ -194,6 +194,30 @@ def test_intensities_that_las_cannot_hold_are_reflectances(
     assert np.asarray(laspy.read(tmp_path / "b.las")["reflectance"]).tolist() == intensity
 
 
+@pytest.mark.parametrize("intensity", [[0.25, 0.5], [3.0, 4.0]])
+def test_a_reflectance_beside_the_intensity_is_kept_in_las(
+    tmp_path: Path, intensity: list[float]
+) -> None:
+    fields = {"reflectance": np.float32([-10.0, -11.0])}
+    frame = LidarFrame(np.eye(3)[:2], np.array(intensity, np.float32), fields=fields)
+    is_named = intensity[0] < 1.0  # whole intensities leave the name to the field
+    with pytest.warns(UserWarning, match="reflectance_2") if is_named else contextlib.nullcontext():
+        frame.write(tmp_path / "a.las")
+    las = laspy.read(tmp_path / "a.las")
+    names = ("reflectance", "reflectance_2") if is_named else ("intensity", "reflectance")
+    assert np.asarray(las[names[0]]).tolist() == intensity
+    assert np.asarray(las[names[1]]).tolist() == [-10.0, -11.0]
+
+
+def test_names_that_agree_in_32_letters_are_kept_apart_in_las(tmp_path: Path) -> None:
+    fields = {"a" * 40: np.arange(2.0), "a" * 32: np.arange(2.0) + 5}
+    with pytest.warns(UserWarning, match="a_2$"):
+        LidarFrame(np.eye(3)[:2], fields=fields).write(tmp_path / "a.las")
+    found = read_scan(tmp_path / "a.las").fields
+    assert found["a" * 32].tolist() == [0.0, 1.0]
+    assert found["a" * 30 + "_2"].tolist() == [5.0, 6.0]
+
+
 def damaged(data: bytes, at: int, code: str, value: int) -> bytes:
     size = struct.calcsize("<" + code)
     return data[:at] + struct.pack("<" + code, value) + data[at + size :]

@@ -1275,3 +1275,17 @@ def test_views_in_distances_along_the_rays_are_flat(tmp_path: Path) -> None:
     simplify.simplify_camera_files(files, tmp_path / "poses.txt", tmp_path / "a.ply", options)
     vertices = np.asarray(io.read_mesh(tmp_path / "a.ply").vertices)
     np.testing.assert_allclose(vertices[:, 2], 2.0, rtol=3e-7)
+
+
+@pytest.mark.parametrize("name", ["a.png", "a.jpg"])
+def test_a_picture_that_is_cut_off_is_named(tmp_path: Path, name: str) -> None:
+    image = pytest.importorskip("PIL.Image")
+    pixels = np.random.default_rng(0).integers(0, 255, (64, 64, 3), np.uint8)
+    image.fromarray(pixels).save(tmp_path / name)
+    data = (tmp_path / name).read_bytes()
+    (tmp_path / name).write_bytes(data[: len(data) // 2])
+    with pytest.raises(FormatError, match="expected a colour image") as caught:
+        read_color(tmp_path / name)
+    assert caught.value.file == str(tmp_path / name)
+    with pytest.raises(FileNotFoundError):
+        read_color(tmp_path / "missing.png")

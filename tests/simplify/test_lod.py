@@ -144,6 +144,24 @@ def test_a_folder_of_levels_is_replaced_only_where_nothing_else_is_in_it(tmp_pat
     assert (tmp_path / "levels" / "level_0.glb").is_file()
 
 
+@pytest.mark.parametrize("name", ["levels", "levels.glb"])
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"errors": [0.1]}, "errors: expected 2 finite numbers"),
+        ({"errors": [0.1, 0.2, 0.3]}, "errors: expected 2 finite numbers"),
+        ({"errors": [0.1, np.nan]}, "errors: expected 2 finite numbers"),
+        ({"coverages": [0.1, 0.9]}, "coverages: expected them in descending order"),
+    ],
+)
+def test_errors_and_coverages_that_do_not_fit_the_levels_are_refused(
+    name: str, options: dict[str, list[float]], message: str, tmp_path: Path
+) -> None:
+    with pytest.raises(InputError, match=message):
+        io.write_lods([hills(), hills(4)], tmp_path / name, **options)
+    assert not list(tmp_path.iterdir())
+
+
 @pytest.mark.parametrize("most", [3, 64, 65535])
 def test_primitives_of_limited_size(most: int, tmp_path: Path) -> None:
     mesh = Mesh(*grid(300, 300)) if most == 65535 else hills()

@@ -158,6 +158,8 @@ def read_color(path: Path, shape: tuple[int, ...] | None = None) -> NDArray[np.u
     FormatError
         The file is not an image, is damaged or too large, has grey values that are not whole
         numbers of 8 or 16 bits, or is not a regular file.
+    OSError
+        The file cannot be opened or read.
     MissingExtraError
         Pillow is not installed.
     """
@@ -171,12 +173,9 @@ def read_color(path: Path, shape: tuple[int, ...] | None = None) -> NDArray[np.u
             return upright(stored, orientation_of(image), shape)
     except FormatError:  # must come before ValueError, its base class
         raise
-    except (
-        image_module.UnidentifiedImageError,
-        ValueError,
-        SyntaxError,
-        image_module.DecompressionBombError,
-    ) as error:
+    except (OSError, ValueError, SyntaxError, image_module.DecompressionBombError) as error:
+        if isinstance(error, OSError) and error.errno is not None:  # Pillow's own have none
+            raise
         raise FormatError(f"expected a colour image: {error}", file=str(path)) from error
 
 

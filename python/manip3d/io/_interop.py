@@ -416,6 +416,11 @@ def _trimesh_colors(meshes: list[Any]) -> NDArray[np.uint8] | None:
             continue
         is_any = True
         colors = np.asarray(colors)
+        if colors.ndim != 2 or colors.shape[1] < 3:
+            raise InputError(
+                'source: expected (V, 3) or (V, 4) for vertex_attributes["color"], got '
+                f"{colors.shape}"
+            )
         if colors.shape[1] > 3 and (colors[:, 3] < 255).any():
             _warn_left_out("transparency of vertex colours")
         found.append(colors[:, :3])

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import re
 from collections.abc import Sequence
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -57,7 +59,7 @@ def write_lods(
     Raises
     ------
     InputError
-        There are no levels, the coverages do not fit them, the suffix is another one, or
+        There are no levels, the coverages or errors do not fit them, the suffix is another one, or
         `write_mesh` refuses a level.
     OSError
         The output cannot be written; an existing file or folder stays unchanged.
@@ -83,8 +85,11 @@ def write_lods(
         finest = max(1, levels[0].num_faces)
         coverages = [*(level.num_faces / finest for level in levels[1:]), 0.0]
     shares = [float(share) for share in coverages]
-    if len(shares) != len(levels) or not all(0.0 <= share <= 1.0 for share in shares):
-        raise InputError(f"coverages: expected {len(levels)} numbers in [0, 1], got {shares}")
+    _check_shares(shares, len(levels))
+    if errors is not None:
+        errors = [float(error) for error in errors]
+        if len(errors) != len(levels) or not all(map(math.isfinite, errors)):
+            raise InputError(f"errors: expected {len(levels)} finite numbers, got {errors}")
     suffix = Path(path).suffix.lower()
     if suffix in (".glb", ".gltf"):
         if scenes:
@@ -112,6 +117,13 @@ def write_lods(
             if errors is not None and error_measure:
                 made = {"error_measure": error_measure, **made}
             (folder / "lods.json").write_text(json.dumps(made, indent=1) + "\n")
+
+
+def _check_shares(shares: Sequence[float], num_levels: int) -> None:
+    if len(shares) != num_levels or not all(0.0 <= share <= 1.0 for share in shares):
+        raise InputError(f"coverages: expected {num_levels} numbers in [0, 1], got {shares}")
+    if any(finer < coarser for finer, coarser in pairwise(shares)):
+        raise InputError(f"coverages: expected them in descending order, got {shares}")
 
 
 def is_file_of_lods(name: str) -> bool:
@@ -142,6 +154,6 @@ def _write_folder(
         else:
             write_mesh(level, folder / name, max_vertices=max_vertices, quantize=quantize)
         if errors is not None:
-            entry["max_error"] = float(errors[i])
+            entry["max_error"] = errors[i]
         manifest.append(entry)
     return manifest

@@ -28,6 +28,8 @@ from manip3d.io._scan_tables import (
 from manip3d.lidar import LidarFrame, ScanFormat
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from numpy.typing import NDArray
 
 
@@ -98,19 +100,21 @@ def write(frame: LidarFrame, path: Path) -> None:
         exact = frame.exact
         if exact is None:
             exact = frame.format.file_coordinates(frame.points)
-        columns = dict(frame.fields)
+        columns = list(frame.fields.items())
         if frame.ring is not None:
-            others = [n for n in header.point_format.dimension_names if n not in columns]
-            columns[ring_name(others) or "ring"] = frame.ring
+            others = [n for n in header.point_format.dimension_names if n not in frame.fields]
+            columns.append((ring_name(others) or "ring", frame.ring))
     else:
         of_map = map_coordinates(frame, "las")
         exact = frame.points.astype(np.float64) if of_map is None else of_map
-        columns = general_fields(frame)
-        header = _new_header(laspy, exact, columns)
+        general = general_fields(frame)
+        columns = list(general.items())
+        header = _new_header(laspy, exact, general)
     if frame.intensity is not None:
         own_name = "reflectance" if "reflectance" in _names(header) else "intensity"
         fits = _holds(header, own_name, frame.intensity)
-        columns["reflectance" if not fits else own_name] = frame.intensity
+        # It comes first, because a field of the same name gets another one.
+        columns.insert(0, ("reflectance" if not fits else own_name, frame.intensity))
     placed = _placed(laspy, header, columns, path)
     try:
         las = laspy.LasData(header)
@@ -170,18 +174,19 @@ def _are_counts(angles: NDArray[Any]) -> bool:
 
 
 def _placed(
-    laspy: Any, header: Any, columns: dict[str, NDArray[Any]], path: Path
+    laspy: Any, header: Any, columns: Sequence[tuple[str, NDArray[Any]]], path: Path
 ) -> dict[str, NDArray[Any]]:
     """Return the columns by their names in the file; those that no dimension holds get a new one.
 
-    A name in LAS has at most 32 bytes.
+    A name in LAS has at most 32 bytes. Of columns of one name the first keeps it.
     """
     placed: dict[str, NDArray[Any]] = {}
     renamed = []
-    for name, given in columns.items():
+    for name, given in columns:
         values = given if given.dtype.kind != "f" else _of_las(given)
         used = _names(header)
-        if name in used and name not in _RAW and _holds(header, name, values):
+        is_free = name in used and name not in _RAW and name not in placed
+        if is_free and _holds(header, name, values):
             placed[name] = values
             continue
         free = _free_name(name, used)

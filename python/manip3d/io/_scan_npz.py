@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+import itertools
 import math
 import os
 import warnings
@@ -27,7 +28,7 @@ from manip3d.io._scan_tables import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Iterable, Mapping
     from pathlib import Path
 
     from numpy.typing import NDArray
@@ -261,7 +262,8 @@ def write(frame: LidarFrame, path: Path) -> None:
     for name, triple in _TRIPLES.items():
         if all(each in columns for each in triple):
             arrays[name] = np.column_stack([columns.pop(each) for each in triple])
-    arrays |= {name: values[:, None] for name, values in columns.items() if name not in arrays}
+    names = _free_names(columns, arrays.keys(), path)
+    arrays |= {names[name]: values[:, None] for name, values in columns.items()}
     with atomic_path(path) as local, local.open("wb") as file:
         # Written to memory first, because the error for a full disk would not name the cause.
         content = io.BytesIO()
@@ -270,6 +272,22 @@ def write(frame: LidarFrame, path: Path) -> None:
                 with archive.open(f"{name}.npy", "w", force_zip64=True) as member:
                     np.lib.format.write_array(member, np.ascontiguousarray(array))
         file.write(content.getbuffer())
+
+
+def _free_names(columns: Iterable[str], taken: Iterable[str], path: Path) -> dict[str, str]:
+    """Return the columns' names in the archive; those that other arrays have get a new one."""
+    used = {*columns, *taken}
+    names = {name: name for name in columns}
+    for name in names.keys() & {*taken}:
+        numbered = (f"{name}_{number}" for number in itertools.count(2))
+        names[name] = next(free for free in numbered if free not in used)
+    if renamed := [f"{name} as {free}" for name, free in names.items() if free != name]:
+        warnings.warn(
+            f"{path}: .npz holds other arrays under the names of columns; written as: "
+            + ", ".join(renamed),
+            stacklevel=caller_level(),
+        )
+    return names
 
 
 def _arrays(archive: zipfile.ZipFile) -> dict[str, zipfile.ZipInfo]:
