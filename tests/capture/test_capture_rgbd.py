@@ -153,7 +153,7 @@ def test_recorders_refuse_what_does_not_fit(tmp_path: Path) -> None:
     crowd = replace(frames[0], skeletons=frames[0].skeletons * 65)
     with pytest.raises(InputError, match=r"frame\.skeletons: expected at most 64, got 65"):
         capture.record([crowd], tmp_path / "crowd")
-    with pytest.raises(InputError, match="source: expected frames of an RGB-D camera, got None"):
+    with pytest.raises(InputError, match="source: expected at least one frame, got none"):
         capture.record([], tmp_path / "none")
     with pytest.raises(InputError, match="jpeg_quality: expected 1 to 100, got 0"):
         capture.record(frames, tmp_path / "quality", jpeg_quality=0)
@@ -1113,6 +1113,20 @@ def test_sources_say_what_is_here() -> None:
         assert scheme.is_available == (not scheme.reason) == (not scheme.cure)
         assert scheme.frames in ("rgbd", "lidar")
         assert "\n" not in scheme.description
+
+
+def test_a_source_without_frames_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="expected at least one frame, got none"):
+        capture.record(iter([]), tmp_path / "empty")
+    assert not (tmp_path / "empty").exists()
+
+
+def test_numbers_that_decrease_are_not_missing_ones() -> None:
+    frames = [
+        replace(one, number=number)
+        for one, number in zip(rgbd_frames.frames(4), (10, 0, 1, 4), strict=True)
+    ]
+    assert capture.summarize(capture.from_frames(frames)).num_missing == 2
 
 
 def test_addresses_that_lead_nowhere(tmp_path: Path) -> None:

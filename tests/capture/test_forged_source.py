@@ -13,6 +13,7 @@ import pytest
 
 from capsule_body import SMALL, frame, pose
 from manip3d import InputError, RgbdCalibration, RgbdFrame, capture
+from manip3d.capture._forged import read_plan
 from manip3d.rgbd import NO_BODY
 
 STEP = 33_333_333
@@ -214,6 +215,18 @@ def test_wrong_addresses_are_named(
     with pytest.raises(InputError) as caught:
         capture.open_rgbd(filled.replace("OTHER", f"folder:{tmp_path / 'other'}"))
     assert message in str(caught.value)
+
+
+def test_values_of_options_are_written_as_in_addresses() -> None:
+    plan = read_plan("forged:sim:body#type=2&pose=a+b.bvh&switch=50%25 %26 more=less&background=")
+    assert (plan.kind, plan.pose, plan.switch, plan.background) == (
+        2, "a+b.bvh", "50% & more=less", "",
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("options", ["", "#show=real", "#background=mkv:w.mkv"])
+def test_the_address_of_a_forged_recording_is_an_address(options: str) -> None:
+    assert capture.rgbd_address(f"forged:mkv:w.mkv{options}") == f"forged:mkv:w.mkv{options}"
 
 
 def test_options_of_other_sources_are_refused(places: dict[str, str]) -> None:

@@ -135,18 +135,18 @@ def rgbd_address(source: str) -> str | None:
     ['mkv:walk.mkv', 'tum:tum', 'openni2:', None]
     """
     path = Path(source)
+    if _SCHEME.match(source) and not path.exists():
+        return None if source.startswith(_LIDAR_SCHEMES) else source
     file, mark, topic = source.rpartition("#")
     bag = Path(file) if mark and topic and not path.exists() else path
     if _is_ros1(bag) or is_ros2(bag):
         return None if holds_clouds(bag) else f"rgbd-bag:{source}"
     if path.suffix.lower() == ".mkv":
-        return source if source.startswith("mkv:") else f"mkv:{source}"
+        return f"mkv:{source}"
     if path.is_dir():
         if (path / "depth.txt").is_file():
             return f"tum:{source}"
         if (path / "frames.jsonl").is_file() or (path / "depth").is_dir():
             return f"folder:{source}"
-    elif _SCHEME.match(source) and not source.startswith(_LIDAR_SCHEMES) and not path.exists():
-        return source
     trial = trial_at(source)
     return None if trial is None else f"utd-mhad:{trial}"

@@ -87,7 +87,9 @@ class _Frames(Iterator[RgbdFrame]):
     It is no generator, because a generator ends with its first error.
     """
 
-    def __init__(self, decoded: Callable[[_Numbered], RgbdFrame], pairs: Iterator[_Numbered]) -> None:
+    def __init__(
+        self, decoded: Callable[[_Numbered], RgbdFrame], pairs: Iterator[_Numbered]
+    ) -> None:
         self._decoded, self._pairs = decoded, pairs
         self._goes_on = True
 

@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
-from urllib.parse import parse_qsl
+from urllib.parse import unquote
 
 import numpy as np
 
@@ -76,7 +76,7 @@ def read_plan(uri: str) -> ForgedPlan:
         The address names no source, or has an unknown option or an invalid value.
     """
     place, mark, text = uri.removeprefix("forged:").rpartition("#")
-    source, options = (place, dict(parse_qsl(text, keep_blank_values=True))) if mark else (text, {})
+    source, options = (place, _options(text)) if mark else (text, {})
     if not source:
         raise InputError(f"uri: expected forged:SOURCE or forged:SOURCE#OPTIONS, got {uri!r}")
     values: dict[str, Any] = {}
@@ -92,6 +92,12 @@ def read_plan(uri: str) -> ForgedPlan:
     if (plan.kind == 2) != bool(plan.pose):
         raise InputError("pose: expected a motion for type=2, and for type=2 only")
     return plan
+
+
+def _options(text: str) -> dict[str, str]:
+    """Return the options by name; ``+`` is itself, not a blank as in forms."""
+    pairs = (part.partition("=") for part in text.split("&") if part)
+    return {unquote(name): unquote(value) for name, _, value in pairs}
 
 
 def _one_of(words: Mapping[str, Any], text: str) -> Any:

@@ -107,6 +107,8 @@ class IteratedFrames:
         self._pending: RgbdFrame | None = None  # generated already, but not returned by `read`
         if calibration is None:
             self._pending = self._next_frame()
+            if self._pending is None:
+                raise InputError("source: expected at least one frame, got none")
             if not isinstance(self._pending, RgbdFrame):
                 raise InputError(
                     f"source: expected frames of an RGB-D camera, got {self._pending!r}"

@@ -232,7 +232,7 @@ class _JoinedFrames(Iterator[RgbdFrame]):
         source._close()
 
     def _check_whole(self) -> None:
-        """Raise `FormatError` if the joints are not those of the frames, of which some were read."""
+        """Raise `FormatError` if frames were read and the joints are not those of them."""
         file = self._joined._file
         if self._start or 0 < self._num_unread == self._index:
             return

@@ -156,7 +156,7 @@ class LidarSource(FrameSource[LidarFrame]):
     def goes_on(self) -> bool:
         """Whether frames may follow after one that cannot be read.
 
-        It is True for bags and drives until their end, and False for other sources.
+        It is True for drives, and for bags until their end, and False for other sources.
         """
         return getattr(self._source, "goes_on", False)
 

@@ -99,9 +99,11 @@ class OusterRecording:
         reflectivity = merged.get("REFLECTIVITY")
         received = np.asarray(scan.packet_timestamp)
         received = received[received > 0]
+        stamps = np.asarray(scan.timestamp)
+        stamps = stamps[stamps > 0]  # missing columns have 0
         header = {
             "model": info.prod_line,
-            "sensor_time": float(np.asarray(scan.timestamp).min()) * 1e-9,
+            "sensor_time": float(stamps.min()) * 1e-9 if stamps.size else None,
             "is_complete": bool(scan.complete()),
         }
         return LidarFrame(

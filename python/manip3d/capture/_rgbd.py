@@ -138,7 +138,8 @@ def open_rgbd(
 
     Notes
     -----
-    The options of ``forged:`` are joined by ``&``; write ``%26`` for an ``&`` in a value.
+    The options of ``forged:`` are joined by ``&``; write ``%26`` for an ``&`` in a value, and
+    ``%25`` for a ``%``.
 
     - ``type``: type of the forgery, 1 or 2. Type 2 needs ``pose``.
     - ``pose``: the motion, a source with skeletons or a ``.bvh`` file.

@@ -44,7 +44,8 @@ class Recording:
         The file or folder that was written.
     frames : int
         Number of frames written; 0 if the source has none that was wanted. ``path`` is then an
-        empty recording, or the earlier one as it was.
+        empty recording, or the earlier one as it was. An iterable without frames and without the
+        attribute ``calibration``, such as an empty list, is an `InputError`.
     frames_with_skeleton : int
         Number of frames with a person's skeleton, which the phantom limb needs.
     seconds : float
@@ -124,7 +125,7 @@ def record(
     InputError
         ``path`` exists, is being read or recorded, or has an unknown suffix; a frame does not fit
         the calibration or the frames before; times or numbers of frames do not increase; the
-        source is closed.
+        source is closed, or is an iterable without frames that states no ``calibration``.
     OSError
         Writing failed, for example because the disk is full. The frames written before can be read,
         and a note of the error states their number; a new recording without frames is removed.

@@ -195,7 +195,7 @@ def summarize(
         times_ns=(times[0], times[-1]) if times else None,
         frames_per_second=1.0 / step if step > 0.0 else None,
         longest_gap_s=float(steps.max()) if len(steps) else None,
-        num_missing=sum(b - a - 1 for a, b in pairwise(numbers)),
+        num_missing=sum(max(0, b - a - 1) for a, b in pairwise(numbers)),
         counters=source._counted(),
         flipped=source.flipped,
         assumed_rate=source.assumed_rate,
