@@ -113,6 +113,17 @@ def test_a_changed_line_of_the_rows_is_not_believed(texts: Path, tmp_path: Path)
     assert summary.rows[0]["length"] == 3
 
 
+def test_a_run_over_no_files_leaves_the_table_as_it_was(texts: Path, tmp_path: Path) -> None:
+    rows = tmp_path / "rows.csv"
+    batch.run(upper, texts / "a.txt", table=rows, jobs=1)
+    before = rows.read_bytes()
+    for options in ({"table": rows}, {"output": tmp_path / "out"}):
+        with pytest.raises(InputError, match="sources: expected files, found none"):
+            batch.run(upper, [], jobs=1, **options)  # type: ignore[arg-type]
+    assert rows.read_bytes() == before
+    assert not (tmp_path / "out").exists()
+
+
 def test_outputs_of_others_are_not_replaced(texts: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     out.mkdir()
@@ -159,6 +170,7 @@ def test_sources_are_files_folders_and_patterns(texts: Path) -> None:
 
     assert names(texts / "a.txt", texts / "a.txt") == ["a.txt"]
     assert names(texts, suffixes=[".txt"]) == ["a.txt", "b.txt", "c.txt", "deep/d.txt"]
+    assert names(texts, suffixes=[".TXT"]) == ["a.txt", "b.txt", "c.txt", "deep/d.txt"]
     assert names(str(texts / "[ab].txt")) == ["a.txt", "b.txt"]
     assert names(str(texts / "**" / "*.txt")) == ["a.txt", "b.txt", "c.txt", "deep/d.txt"]
     (texts / "odd[1].txt").write_text("named like a pattern")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import http.server
 import lzma
+import os
 import threading
 from collections.abc import Iterator
 from functools import partial
@@ -110,6 +111,20 @@ def test_wrong_bytes_are_refused(tmp_path: Path) -> None:
         datasets.require(file, "triangle")
     path.write_bytes(lzma.compress(CONTENT))
     assert datasets.require(file, "triangle") == path
+
+
+def test_files_of_one_name_in_two_folders_have_their_own_checksums(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name, content in (("x", b"aaaa"), ("y", b"bbbb")):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "f").write_bytes(content)
+        os.utime(tmp_path / name / "f", (0, 0))
+        monkeypatch.chdir(tmp_path / name)
+        assert datasets.file_sha256(Path("f")) == digest(content)
+    (tmp_path / "y" / "f").write_bytes(b"cccc")
+    os.utime(tmp_path / "y" / "f", (0, 0))
+    assert datasets.file_sha256(Path("f")) == digest(b"cccc")
 
 
 def test_a_plain_file_stands_for_the_compressed_one(tmp_path: Path) -> None:

@@ -24,7 +24,7 @@ class Place:
         return f"{self.folder}/{relative}"
 
     def sizes(self) -> dict[str, int]:
-        """Return the size of each file below it, by its relative name; hidden ones are left out."""
+        """Return the size of each file below it, by its relative name; hidden ones are included."""
         if not is_url(self.folder):
             root = Path(self.folder)
             found_here: dict[str, int] = {}

@@ -271,6 +271,8 @@ def _listed(sources: Any, suffixes: Sequence[str] | None, output: Place | None) 
     listed = [file for file in several if isinstance(file, SourceFile)]
     rest = [source for source in several if not isinstance(source, SourceFile)]
     found = listed + (find_files(rest, suffixes=suffixes) if rest else [])
+    if not found:
+        raise InputError("sources: expected files, found none")
     if output is None:
         return found
     lies_in_output = _lies_in(output)

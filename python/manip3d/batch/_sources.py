@@ -129,8 +129,8 @@ def find_files(
         Files, folders (all files below them but hidden ones), and patterns (``*``, ``?``,
         ``[...]``, ``**``). Pipes, sockets and devices in folders are left out.
     suffixes : sequence of str, optional
-        Suffixes of the files that are taken from a folder, alone or followed by ``.gz`` or ``.xz``.
-        Files that are named, or that a pattern matches, are taken in any case.
+        Suffixes of the files that are taken from a folder, alone or followed by ``.gz`` or ``.xz``,
+        in capitals or not. Files that are named, or that a pattern matches, are taken in any case.
 
     Returns
     -------
@@ -331,7 +331,7 @@ def _may_be_endless(path: Path) -> bool:
 
 def _is_wanted(name: str, suffixes: Sequence[str] | None) -> bool:
     plain = name.lower().removesuffix(".xz").removesuffix(".gz")
-    return suffixes is None or plain.endswith(tuple(suffixes))
+    return suffixes is None or plain.endswith(tuple(suffix.lower() for suffix in suffixes))
 
 
 def _fixed_part(pattern: str) -> str:

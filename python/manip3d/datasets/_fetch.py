@@ -43,10 +43,10 @@ def fetch(data_set: DataSet, *, progress: Callable[[float, str], None] | None = 
     Raises
     ------
     FetchError
-        ``MANIP3D_OFFLINE`` is set, a file has no stable official address, or its server does not
-        answer.
+        ``MANIP3D_OFFLINE`` is set, a file has no stable official address, its server does not
+        answer, or a downloaded file has another SHA-256 than the registered one.
     ChecksumError
-        A file has another SHA-256 than the registered one.
+        A file that exists already has another SHA-256 than the registered one.
     MissingExtraError
         pooch is not installed.
 

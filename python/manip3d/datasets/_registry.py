@@ -382,7 +382,7 @@ def require(file: DataFile, name: str) -> Path:
 
 @checked
 def file_sha256(path: Path) -> str:
-    """Return the hexadecimal SHA-256 of a file, cached while its size and time do not change.
+    """Return the hexadecimal SHA-256 of a file, cached while its size and times do not change.
 
     Parameters
     ----------
@@ -407,8 +407,10 @@ def file_sha256(path: Path) -> str:
     >>> datasets.file_sha256(Path("abc"))[:16]
     'ba7816bf8f01cfea'
     """
-    status = path_of(path).stat()
-    return _sha256(path, status.st_size, status.st_mtime_ns)
+    absolute = path_of(path).absolute()
+    status = absolute.stat()
+    file = status.st_dev, status.st_ino, status.st_size
+    return _sha256(absolute, *file, status.st_mtime_ns, status.st_ctime_ns)
 
 
 @checked
@@ -465,7 +467,7 @@ def folder_sha256(folder: Path) -> str:
 
 
 @cache
-def _sha256(path: Path, size: int, modified_ns: int) -> str:
-    """Hash a file; its size and time are only keys of the cache, so that a changed one is read."""
+def _sha256(path: Path, *_status: int) -> str:
+    """Hash a file; its status is only a key of the cache, so that a changed file is read."""
     with path.open("rb") as stream:
         return hashlib.file_digest(stream, "sha256").hexdigest()

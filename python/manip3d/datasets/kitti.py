@@ -510,7 +510,7 @@ def read_labels(path: Path, calibration: KittiCalibration) -> tuple[Box, ...]:
     Parameters
     ----------
     path : Path
-        A text file with a line of 15 words for each object.
+        A text file with a line of 15 words for each object, or of 16 with a score.
     calibration : KittiCalibration
         The inverse of its ``T_rect_velo`` transforms boxes from the rectified camera's frame to the
         LiDAR frame.
@@ -523,7 +523,8 @@ def read_labels(path: Path, calibration: KittiCalibration) -> tuple[Box, ...]:
     Raises
     ------
     FormatError
-        A line does not end in seven finite numbers, or has a negative size; the error names it.
+        Words 9 to 15 of a line are not seven finite numbers, or a size is negative; the error names
+        the line.
     """
     boxes = []
     velo_rect = inverse(calibration.T_rect_velo)
