@@ -64,18 +64,45 @@ def new_folder_locked(path: Path) -> Iterator[bool]:
     OSError
         The folder cannot be created or opened.
     """
-    path.mkdir(exist_ok=True)
-    lock = os.open(path, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
-    is_ours = True
+    lock, is_ours = _new_folder(path)
     try:
-        with suppress(OSError):  # this file system has no locks
-            is_ours = _is_free(lock)
         yield is_ours
     finally:
         if is_ours:
             with suppress(OSError):
                 path.rmdir()  # fails if the folder is not empty
         os.close(lock)
+
+
+def _new_folder(path: Path) -> tuple[int, bool]:
+    """Return the descriptor of a folder, and whether it is locked by this call.
+
+    Another holder of the lock may remove the folder between any two steps: the steps are repeated
+    until the folder that is locked is the one at the path.
+    """
+    while True:
+        with suppress(FileExistsError):
+            path.mkdir()
+        try:
+            lock = os.open(path, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+        except FileNotFoundError:
+            if path.is_symlink():  # it leads nowhere
+                raise
+            continue
+        try:
+            is_ours = _is_free(lock)
+        except OSError:  # this file system has no locks
+            return lock, True
+        if not is_ours or _leads_to(path, lock):
+            return lock, is_ours
+        os.close(lock)
+
+
+def _leads_to(path: Path, descriptor: int) -> bool:
+    try:
+        return os.path.samestat(path.stat(), os.fstat(descriptor))
+    except FileNotFoundError:
+        return False
 
 
 def _is_free(descriptor: int) -> bool:
