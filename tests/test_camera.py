@@ -145,6 +145,12 @@ def test_shapes() -> None:
     assert np.isnan(PINHOLE.unproject([0.0, np.nan], pixels=np.ones((2, 2)))).all()
 
 
+def test_depths_of_pixels_in_millimetres_and_metres() -> None:
+    for depth in (2, 2.0, np.float32(2.0), np.uint16(2000)):
+        assert PINHOLE.unproject(depth, pixels=(1, 2))[2] == 2.0
+    assert PINHOLE.unproject([2, 3], pixels=np.ones((2, 2)))[:, 2].tolist() == [2.0, 3.0]
+
+
 def test_what_is_refused() -> None:
     with pytest.raises(InputError, match=r"points: expected numbers of shape \(\.\.\., 3\)"):
         PINHOLE.project(np.ones((3, 2)))
@@ -163,6 +169,9 @@ def test_what_is_refused() -> None:
         PINHOLE.unproject(np.ones((64, 48), np.float32))
     with pytest.raises(InputError, match="depth: expected dtype uint16"):
         PINHOLE.unproject(np.ones((48, 64)))
+    for wrong in (np.int32([1500]), np.int64(1500), np.uint8(2)):
+        with pytest.raises(InputError, match="depth: expected dtype uint16 or float, got"):
+            PINHOLE.unproject(wrong, pixels=[(1, 2)])
     with pytest.raises(InputError, match="threads"):
         PINHOLE.unproject(np.ones((48, 64), np.float32), threads=-1)
 

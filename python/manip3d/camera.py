@@ -117,7 +117,8 @@ class Intrinsics:
         ----------
         depth : (H, W) uint16 in millimetres or float32 in metres
             Distance along the optical axis. 0 and NaN mean no measurement. With ``pixels``: (...)
-            uint16 in millimetres or float in metres; one number per pixel, or one for all.
+            uint16 in millimetres or float in metres; one number per pixel, or one for all. Numbers
+            of Python are in metres; arrays of other integers are refused.
         pixels : (..., 2) float, optional
             Columns and rows ``(u, v)``, which may be fractions. They may lie outside the image,
             unless the camera has a ray table. A depth of 1 gives the lines of sight.
@@ -152,8 +153,11 @@ class Intrinsics:
         given = as_array(depth, "depth")
         if given.dtype.kind not in "iuf":
             raise InputError(f"depth: expected numbers, got dtype {given.dtype}")
+        is_millimetres = given.dtype == np.uint16
+        if hasattr(depth, "dtype") and given.dtype.kind in "iu" and not is_millimetres:
+            raise InputError(f"depth: expected dtype uint16 or float, got {given.dtype}")
         z = np.asarray(given, np.float64)
-        if given.dtype == np.uint16:
+        if is_millimetres:
             z = z / 1000.0
         if z.ndim and z.shape != at.shape[:-1]:
             raise InputError(f"depth: expected one number or shape {at.shape[:-1]}, got {z.shape}")
