@@ -107,8 +107,8 @@ def read_velodyne_calibration(path: str | os.PathLike[str]) -> VelodyneCalibrati
     Raises
     ------
     FormatError
-        The file is damaged or hostile (entities are refused), or a laser is missing; a laser with
-        ``two_pt_correction_available`` has no offsets at the nearer distance.
+        The file is damaged or hostile (entities and external DTDs are refused), or a laser is
+        missing; a laser with ``two_pt_correction_available`` has no offsets at the nearer distance.
     MissingExtraError
         PyYAML is not installed and the file is YAML: ``pip install 'manip3d[velodyne]'``.
 
