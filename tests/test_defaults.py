@@ -100,7 +100,6 @@ FACADES: dict[str, list[Callable[..., Any]]] = {
     "ScanOriginOptions": [],  # the scan says whether it lies on a map
     "SegmentOptions": [forge.segment],
     "ShoeCoverOptions": [modify.ShoeCoverTracker],
-    "SilhouetteOptions": [],  # inspect_stream has its own relief
     "SnapOptions": [forge.snap_to_lattice],
     "SparseOptions": [],  # find_processing says which points stand alone
     "TextureErrorOptions": [metrics.texture_error],

@@ -288,7 +288,6 @@ void bind_lattice(py::module_& m) {
       py::arg("points").noconvert(), py::arg("reflectance").noconvert(),
       py::arg("rings").noconvert(), py::arg("azimuths").noconvert(), py::arg("slips"));
   m.attr("CELL_COLUMNS") = kCellColumns;
-  m.attr("CELL_RINGS") = kCellRings;
 }
 
 }  // namespace manip3d::bindings

@@ -332,7 +332,6 @@ void bind_pipeline(py::module_& m) {
       .def_readwrite("plane", &PhantomOptions::plane)
       .def_readwrite("smooths", &PhantomOptions::smooths)
       .def_readwrite("smoothing", &PhantomOptions::smoothing)
-      .def_readwrite("key_person", &PhantomOptions::key_person)
       .def_readwrite("mask", &PhantomOptions::mask)
       .def_readwrite("segmentation", &PhantomOptions::segmentation)
       .def_readwrite("arm_radius", &PhantomOptions::arm_radius)

@@ -185,12 +185,12 @@ py::array noise_of_regions(const py::array& depth, const DepthNoiseOptions& opti
 }
 
 /// (n, 8): row, begin, end, object, left gap, right gap, left sharp, right sharp.
-py::array spans_of(const py::array& depth, double focal, const SilhouetteOptions& options) {
+py::array spans_of(const py::array& depth, double focal, double min_relief) {
   const DepthView view = depth_view(depth);
   Rows<std::int32_t, 8> table;
   {
     const py::gil_scoped_release nogil;
-    const std::vector<SilhouetteSpan> spans = silhouette_spans(view, focal, options);
+    const std::vector<SilhouetteSpan> spans = silhouette_spans(view, focal, min_relief);
     table.resize(static_cast<Eigen::Index>(spans.size()), 8);
     for (std::size_t i = 0; i < spans.size(); ++i) {
       const SilhouetteSpan& s = spans[i];
@@ -219,13 +219,11 @@ void bind_streams(py::module_& m) {
       .finalize();
   py::class_<DepthStepOptions>(m, "DepthStepOptions")
       .def(py::init<>())
-      .def_readwrite("noise_at_1_m", &DepthStepOptions::noise_at_1_m)
       .def_readwrite("max_step", &DepthStepOptions::max_step);
   py::class_<RegionOptions>(m, "RegionOptions")
       .def(py::init<>())
       .def_readwrite("step", &RegionOptions::step)
       .def_readwrite("reach", &RegionOptions::reach)
-      .def_readwrite("surface_reach", &RegionOptions::surface_reach)
       .def_readwrite("line_seeds", &RegionOptions::line_seeds);
   py::class_<AnimationMeshOptions>(m, "AnimationMeshOptions")
       .def(py::init<>())
@@ -241,13 +239,8 @@ void bind_streams(py::module_& m) {
       .def(py::init<>())
       .def_readwrite("region", &DepthNoiseOptions::region)
       .def_readwrite("sigma", &DepthNoiseOptions::sigma);
-  py::class_<SilhouetteOptions>(m, "SilhouetteOptions")
-      .def(py::init<>())
-      .def_readwrite("step", &SilhouetteOptions::step)
-      .def_readwrite("min_width", &SilhouetteOptions::min_width)
-      .def_readwrite("min_relief", &SilhouetteOptions::min_relief);
   m.def("depth_noise", &noise_of_regions, py::arg("depth"), py::arg("options"));
-  m.def("silhouette_spans", &spans_of, py::arg("depth"), py::arg("focal"), py::arg("options"));
+  m.def("silhouette_spans", &spans_of, py::arg("depth"), py::arg("focal"), py::arg("min_relief"));
   m.def("segment_region", &segment_region, py::arg("depth"), py::arg("body_index").noconvert(),
         py::arg("camera"), py::arg("skeleton"), py::arg("mask"), py::arg("options"));
   m.def("without_speckles", &without_speckles, py::arg("depth").noconvert(),

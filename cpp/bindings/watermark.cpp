@@ -112,7 +112,6 @@ Fields to_fields(const WatermarkHeader& header) {
   Fields fields;
   fields["embedding"] = static_cast<int>(header.embedding);
   fields["carrier"] = static_cast<int>(header.carrier);
-  fields["is_genesis"] = header.is_genesis;
   fields["is_end"] = header.is_end;
   fields["has_context"] = header.has_context;
   fields["context"] = to_bytes(header.context);

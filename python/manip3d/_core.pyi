@@ -19,7 +19,6 @@ import manip3d.simplify._depth
 
 __all__: list[str] = [
     "CELL_COLUMNS",
-    "CELL_RINGS",
     "AnimationMeshOptions",
     "ArrayPool",
     "BoneRule",
@@ -76,7 +75,6 @@ __all__: list[str] = [
     "RgbdSource",
     "ScanGrid",
     "ShoeCoverTracker",
-    "SilhouetteOptions",
     "Skinning",
     "TextureTerm",
     "Texturing",
@@ -869,7 +867,6 @@ class PhantomMeshOptions:
 class PhantomOptions:
     affected: Limb
     keep_residual: bool
-    key_person: KeyPersonOptions
     mask: PersonMaskOptions
     mesh: PhantomMeshOptions
     mode: MirrorMode
@@ -1054,10 +1051,6 @@ class DepthStepOptions:
     def max_step(self) -> float: ...
     @max_step.setter
     def max_step(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
-    @property
-    def noise_at_1_m(self) -> float: ...
-    @noise_at_1_m.setter
-    def noise_at_1_m(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
 
 class RegionOptions:
     line_seeds: bool
@@ -1067,10 +1060,6 @@ class RegionOptions:
     def reach(self) -> float: ...
     @reach.setter
     def reach(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
-    @property
-    def surface_reach(self) -> float: ...
-    @surface_reach.setter
-    def surface_reach(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
 
 class AnimationMeshOptions:
     by_label: bool
@@ -1100,18 +1089,6 @@ class DepthNoiseOptions:
     def sigma(self) -> float: ...
     @sigma.setter
     def sigma(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
-
-class SilhouetteOptions:
-    step: DepthStepOptions
-    def __init__(self) -> None: ...
-    @property
-    def min_relief(self) -> float: ...
-    @min_relief.setter
-    def min_relief(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
-    @property
-    def min_width(self) -> int: ...
-    @min_width.setter
-    def min_width(self, arg0: typing.SupportsInt | typing.SupportsIndex) -> None: ...
 
 class CrossModalOptions:
     def __getstate__(
@@ -1838,7 +1815,7 @@ def shading_normals(
 def silhouette_spans(
     depth: numpy.ndarray,
     focal: typing.SupportsFloat | typing.SupportsIndex,
-    options: SilhouetteOptions,
+    min_relief: typing.SupportsFloat | typing.SupportsIndex,
 ) -> numpy.ndarray: ...
 def simplify_fast(
     mesh: manip3d.mesh.Mesh,
@@ -2001,5 +1978,4 @@ def write_scene(
 ) -> list[str]: ...
 
 CELL_COLUMNS: int = 500
-CELL_RINGS: int = 2
 __version__: str = "0.1.0"

@@ -7,12 +7,14 @@
 
 #include "geometry/union_find.hpp"
 #include "manip3d/error.hpp"
+#include "manip3d/geometry/depth_step.hpp"
 
 namespace manip3d {
 namespace {
 
 constexpr std::int64_t kWindowReach = 2;  // pixels on each side of the middle one
 constexpr std::int64_t kWindow = 2 * kWindowReach + 1;
+constexpr int kMinSpanWidth = 8;  // pixels; narrower spans are left out
 
 void check_millimetres(const DepthView& depth) {
   if (depth.millimetres == nullptr || depth.rows == 0 || depth.cols == 0) {
@@ -41,9 +43,13 @@ std::int64_t mirrored(std::int64_t i, std::int64_t size) {
 /// Finds the silhouette spans of one image row.
 class RowScanner {
  public:
-  RowScanner(const DepthView& depth, const DepthStep& step, const SilhouetteOptions& options,
+  RowScanner(const DepthView& depth, const DepthStep& step, double min_relief,
              std::vector<SilhouetteSpan>& spans, std::vector<float>& span_depth)
-      : depth_(depth), step_(step), options_(options), spans_(spans), span_depth_(span_depth) {}
+      : depth_(depth),
+        step_(step),
+        min_relief_(static_cast<float>(min_relief)),
+        spans_(spans),
+        span_depth_(span_depth) {}
 
   void scan(std::int64_t v) {
     column_.clear();
@@ -89,8 +95,8 @@ class RowScanner {
     const std::int32_t left = column_[begin], right = column_[i - 1] + 1;
     const float inside = z_[begin + (i - begin) / 2];
     const float beside = std::min(z_[begin - 1], z_[i]);
-    if (right - left < options_.min_width) return;
-    if (!(beside - inside >= static_cast<float>(options_.min_relief) * inside)) return;
+    if (right - left < kMinSpanWidth) return;
+    if (!(beside - inside >= min_relief_ * inside)) return;
     SilhouetteSpan span;
     span.row = static_cast<std::int32_t>(v);
     span.begin = left;
@@ -111,7 +117,7 @@ class RowScanner {
 
   const DepthView& depth_;
   const DepthStep& step_;
-  const SilhouetteOptions& options_;
+  float min_relief_;
   std::vector<SilhouetteSpan>& spans_;
   std::vector<float>& span_depth_;
   std::vector<std::int32_t> column_;
@@ -187,15 +193,15 @@ std::vector<double> depth_noise(const DepthView& depth, const DepthNoiseOptions&
 }
 
 std::vector<SilhouetteSpan> silhouette_spans(const DepthView& depth, double focal,
-                                             const SilhouetteOptions& options) {
+                                             double min_relief) {
   check_millimetres(depth);
-  if (options.min_width < 1 || !(options.min_relief >= 0.0 && options.min_relief <= 1.0)) {
-    throw InputError("min_width, min_relief: expected >= 1 and 0 to 1");
+  if (!(min_relief >= 0.0 && min_relief <= 1.0)) {
+    throw InputError("min_relief: expected 0 to 1, got " + number_text(min_relief));
   }
-  const DepthStep step(options.step, focal);
+  const DepthStep step(DepthStepOptions{}, focal);
   std::vector<SilhouetteSpan> spans;
   std::vector<float> span_depth;
-  RowScanner scanner(depth, step, options, spans, span_depth);
+  RowScanner scanner(depth, step, min_relief, spans, span_depth);
   for (std::int64_t v = 0; v < depth.rows; ++v) scanner.scan(v);
   number_objects(spans, span_depth);
   return spans;

@@ -267,10 +267,8 @@ class _Cut:
 
 def _cut_out(frame: RgbdFrame) -> list[_Cut]:
     """Foreground objects with the share of sharp rows on their less sharp side."""
-    options = _core.SilhouetteOptions()
-    options.min_relief = RELIEF
     depth = np.ascontiguousarray(frame.depth)
-    spans = _core.silhouette_spans(depth, frame.calibration.depth.fx, options)
+    spans = _core.silhouette_spans(depth, frame.calibration.depth.fx, RELIEF)
     if not len(spans):
         return []
     _, which = np.unique(spans[:, 3], return_inverse=True)

@@ -4,7 +4,6 @@
 #include <vector>
 
 #include "manip3d/geometry/depth_image.hpp"
-#include "manip3d/geometry/depth_step.hpp"
 
 /// @file
 /// Noise and silhouettes of depth images (dissertation section 5.2.1 and beyond).
@@ -35,18 +34,13 @@ struct SilhouetteSpan {
   bool left_sharp = false, right_sharp = false;
 };
 
-struct SilhouetteOptions {
-  DepthStepOptions step;
-  int min_width = 8;  ///< Pixels; narrower spans are left out.
-  /// Least difference to the nearer side, as a share of the span's depth.
-  double min_relief = 0.08;
-};
-
 /// Finds all spans of a depth image, row by row. In measured images, silhouettes have a band of
 /// pixels without a measurement or with mixed depths of both surfaces; in composed images they do
 /// not.
-/// @throws InputError  an option is out of range, the depth is not in millimetres.
+/// @param focal       Focal length, pixels.
+/// @param min_relief  Least difference to the nearer side, as a share of the span's depth.
+/// @throws InputError  min_relief not in [0, 1], the depth is not in millimetres.
 std::vector<SilhouetteSpan> silhouette_spans(const DepthView& depth, double focal,
-                                             const SilhouetteOptions& options = {});
+                                             double min_relief);
 
 }  // namespace manip3d
