@@ -3,10 +3,12 @@
 #include <cmath>
 #include <cstring>
 #include <limits>
+#include <span>
 #include <string>
 #include <string_view>
 #include <vector>
 
+#include "geometry/median.hpp"
 #include "io/point_formats.hpp"
 #include "manip3d/error.hpp"
 #include "parse/input_buffer.hpp"
@@ -52,9 +54,7 @@ double median_difference(std::string_view floats, std::size_t apart) {
     }
   }
   if (differences.empty()) return std::numeric_limits<double>::max();
-  const auto middle = differences.begin() + std::ptrdiff_t(differences.size() / 2);
-  std::nth_element(differences.begin(), middle, differences.end());
-  return *middle;
+  return median(std::span(differences));
 }
 
 // Estimates the number of floats per row from their values: those of one column differ less from

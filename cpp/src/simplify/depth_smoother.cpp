@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <span>
 #include <string>
 
 #include "geometry/constants.hpp"
@@ -53,9 +54,7 @@ void renew(double& noise, double now, double share) {
 /// The standard deviation, relative to a Kinect's, of a quantity with these second differences over
 /// time.
 double deviation_of(std::vector<float>& differences, double most) {
-  const auto middle = differences.begin() + static_cast<std::ptrdiff_t>(differences.size() / 2);
-  std::ranges::nth_element(differences, middle);
-  return std::min(kNormalMad / std::sqrt(6.0) * *middle, most);
+  return std::min(kNormalMad / std::sqrt(6.0) * median(std::span(differences)), most);
 }
 
 /// Adds to each number of a row its neighbours up to kRadius before and after it.
