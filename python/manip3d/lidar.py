@@ -15,7 +15,7 @@ from manip3d import _core
 from manip3d._util.arrays import as_array, vector, warn_of_rounding
 from manip3d._util.arrays import rows as as_rows
 from manip3d._util.checked import checked
-from manip3d._util.linear import product
+from manip3d._util.linear import moved
 from manip3d._util.mappings import ReadOnlyMapping
 from manip3d._util.reprs import short_repr
 from manip3d._util.showing import Showable
@@ -66,8 +66,7 @@ class ScanFormat:
         wide: NDArray[np.float64] = np.asarray(points, np.float64)
         if np.array_equal(matrix, np.eye(4)):  # exact, including the sign of zeros
             return wide
-        moved: NDArray[np.float64] = product(wide, matrix[:3, :3].T) + matrix[:3, 3]
-        return moved
+        return moved(wide, matrix)
 
 
 @checked

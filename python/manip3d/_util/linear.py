@@ -21,6 +21,11 @@ def product(a: ArrayLike, b: ArrayLike) -> NDArray[Any]:
     return np.asarray(np.einsum(how, left, right))  # optimize=True would call a BLAS
 
 
+def moved(points: ArrayLike, transform: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return points, (N, 3), to which an affine transform, (4, 4), was applied."""
+    return np.asarray(product(points, transform[:3, :3].T) + transform[:3, 3])
+
+
 def inverse(matrix: ArrayLike) -> NDArray[np.float64]:
     """Return the inverse of a small matrix, by Gauss-Jordan elimination with pivots.
 

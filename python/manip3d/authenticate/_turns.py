@@ -11,7 +11,7 @@ import numpy as np
 from manip3d import _core
 from manip3d._util.arrays import rows as as_rows
 from manip3d._util.checked import checked
-from manip3d._util.linear import product
+from manip3d._util.linear import moved
 from manip3d._util.mappings import ReadOnlyMapping
 from manip3d._util.options import threads_of
 from manip3d._util.reprs import short_repr
@@ -320,7 +320,7 @@ def turns_read(
         return replace(told, aligned=bool(found["judged"]), foreign=is_foreign), seen
     traces = [_Trace(each) for each in found["regions"] if each["distance"] < FARTHEST]
     if any(trace.kind == "before" and trace.p_value < 1.0 for trace in traces):
-        turns = [_in_frame(*each) for each in zip((before, after), motions, strict=True)]
+        turns = [moved(*each) for each in zip((before, after), motions, strict=True)]
         traces = [
             trace
             for trace in traces
@@ -404,10 +404,6 @@ def _is_foreign(
         return False
     skipping = _core.compare_turns(before, after, after, lattice.table, True, threads)
     return bool(skipping["previous"]["found"])
-
-
-def _in_frame(points: NDArray[np.float32], motion: NDArray[np.float64]) -> NDArray[np.float64]:
-    return np.asarray(product(points, motion[:3, :3].T) + motion[:3, 3])
 
 
 def _points_of(frame: LidarFrame | ArrayLike, name: str) -> NDArray[np.float32]:

@@ -16,7 +16,7 @@ import numpy as np
 from manip3d import _core
 from manip3d._util.arrays import vector
 from manip3d._util.checked import checked
-from manip3d._util.linear import product
+from manip3d._util.linear import moved, product
 from manip3d._util.options import threads_of
 from manip3d._util.texts import counted
 from manip3d.errors import InputError
@@ -474,9 +474,8 @@ def _check_destination(
     leaving = _core.points_in_box(scene.points, box_arguments(box), threads_of(threads))
     if not len(leaving):
         return
-    moved = product(scene.points[leaving].astype(np.float64), transform[:3, :3].T)
-    moved = (moved + transform[:3, 3]).astype(np.float32)
-    _check_free(scene, moved, threads, argument=argument, leaving=leaving, yaw=box.yaw + yaw)
+    arriving = moved(scene.points[leaving].astype(np.float64), transform).astype(np.float32)
+    _check_free(scene, arriving, threads, argument=argument, leaving=leaving, yaw=box.yaw + yaw)
 
 
 def _edited(

@@ -14,7 +14,7 @@ import numpy as np
 
 from manip3d._util.callers import caller_level
 from manip3d._util.extras import imported
-from manip3d._util.linear import determinant, product
+from manip3d._util.linear import determinant, moved
 from manip3d.errors import InputError
 from manip3d.io._face_colors import with_corner_colors
 from manip3d.io._images import image_bytes, with_common_images
@@ -341,7 +341,7 @@ def from_trimesh(source: Any) -> Mesh:
     ]
     texcoords, face_texcoords = _texture_table(np.concatenate([np.empty((0, 3, 2)), *uvs]))
     result = Mesh(
-        np.concatenate([np.empty((0, 3)), *(_transformed(m.vertices, t) for m, t in placed)]),
+        np.concatenate([np.empty((0, 3)), *(moved(m.vertices, t) for m, t in placed)]),
         np.concatenate([np.empty((0, 3), dtype=np.int64), *faces]),
         texcoords=texcoords,
         face_texcoords=face_texcoords,
@@ -377,10 +377,6 @@ def _trimesh_face_colors(mesh: Any) -> NDArray[np.int64]:
         _warn_left_out("transparency of colours of faces")
     packed: NDArray[np.int64] = colors[:, 0] << 16 | colors[:, 1] << 8 | colors[:, 2]
     return packed
-
-
-def _transformed(points: Any, transform: NDArray[np.float64]) -> NDArray[np.float64]:
-    return np.asarray(product(points, transform[:3, :3].T) + transform[:3, 3])
 
 
 def _outward(corners: NDArray[Any], transform: NDArray[np.float64]) -> NDArray[Any]:

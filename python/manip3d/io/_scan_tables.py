@@ -16,7 +16,7 @@ import numpy as np
 
 from manip3d import _core
 from manip3d._util.callers import caller_level
-from manip3d._util.linear import inverse, product
+from manip3d._util.linear import inverse, moved, product
 from manip3d._util.regular_files import over_max_bytes
 from manip3d._util.text_files import text_of
 from manip3d.errors import FormatError
@@ -625,7 +625,7 @@ def measured_points(stored: NDArray[Any], layout: ScanFormat, file: str) -> NDAr
     """Convert file coordinates to points of a frame: metres, manip3d's axes, near 0."""
     back = inverse(layout.to_file)
     same = np.array_equal(back, np.eye(4))
-    metres = stored if same else product(stored.astype(np.float64), back[:3, :3].T) + back[:3, 3]
+    metres = stored if same else moved(stored.astype(np.float64), back)
     with np.errstate(over="ignore"):
         points: NDArray[np.float32] = np.ascontiguousarray(metres, np.float32)
     bad = np.flatnonzero(~np.isfinite(points).all(axis=1))

@@ -10,7 +10,7 @@ import numpy as np
 
 from manip3d import _core
 from manip3d._util.arrays import checked_grid, rows
-from manip3d._util.linear import determinant, product
+from manip3d._util.linear import determinant, moved, product
 from manip3d._util.reprs import short_repr
 from manip3d.camera import Intrinsics, Registration, checked_depth
 from manip3d.errors import InputError
@@ -82,9 +82,7 @@ class View:
     @cached_property
     def world(self) -> NDArray[np.float64]:
         """(N, 3) points of the valid pixels, in row-major order."""
-        local = self.points[self.valid].astype(np.float64)
-        moved: NDArray[np.float64] = product(local, self.pose[:3, :3].T) + self.pose[:3, 3]
-        return moved
+        return moved(self.points[self.valid].astype(np.float64), self.pose)
 
 
 def checked_view(view: CameraView, index: int, threads: int) -> View:
@@ -184,8 +182,7 @@ def from_world(view: View, points: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def in_world(view: View, vertices: NDArray[np.floating]) -> NDArray[np.float64]:
     """Transform vertices of a view to the shared frame."""
-    moved: NDArray[np.float64] = product(vertices.astype(np.float64), view.pose[:3, :3].T)
-    return moved + view.pose[:3, 3]
+    return moved(vertices.astype(np.float64), view.pose)
 
 
 def uvs(view: View, world: NDArray[np.float64], pixels: NDArray[np.int32]) -> NDArray[np.float32]:

@@ -12,7 +12,7 @@ import numpy as np
 
 from manip3d._util.arrays import as_array
 from manip3d._util.checked import checked
-from manip3d._util.linear import determinant, eigen, inverse, product
+from manip3d._util.linear import determinant, eigen, inverse, moved, product
 from manip3d._util.options import shares, sharing
 from manip3d._util.texts import counted
 from manip3d.errors import InputError
@@ -173,10 +173,6 @@ class SceneLods:
         )
 
 
-def _moved(vertices: NDArray[np.float64], place: NDArray[np.float64]) -> NDArray[np.float64]:
-    return np.asarray(product(vertices, place[:3, :3].T) + place[:3, 3])
-
-
 @dataclass(frozen=True)
 class _Instances:
     """The drawn instances of a mesh that may be simplified."""
@@ -205,7 +201,7 @@ class _Instances:
 
     def placed(self, mesh: Mesh) -> NDArray[np.float64]:
         """Return the (V, 3) vertices of the largest instance in the scene."""
-        return _moved(mesh.vertices, self.place)
+        return moved(mesh.vertices, self.place)
 
     def inside(
         self, vertices: NDArray[np.float64], box: NDArray[np.float64], least: float
@@ -221,7 +217,7 @@ class _Instances:
         is_seen = np.linalg.norm(high - low, axis=1) > least
         chosen = np.zeros(len(vertices), dtype=np.bool_)
         for place in self.transforms[meets & is_seen]:
-            chosen |= inside_box(_moved(vertices, place), box)
+            chosen |= inside_box(moved(vertices, place), box)
         return chosen
 
 
@@ -454,7 +450,7 @@ class _Placed:
 
     def _vertices(self, index: int) -> NDArray[np.float64]:
         place = self._places[index]
-        return _moved(self._shapes[index], place)
+        return moved(self._shapes[index], place)
 
     def _sway_of(self, index: int) -> float:
         return _SWAY * _diagonal(self.scene.meshes[index].vertices)
