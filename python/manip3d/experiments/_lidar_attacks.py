@@ -13,6 +13,7 @@ import numpy as np
 from manip3d import forge
 from manip3d.authenticate import SensorLattice
 from manip3d.lidar import Box
+from manip3d.simulate._world import about_z
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -56,10 +57,7 @@ class Target:
         """
         center = self.hoax.mean(axis=0, dtype=np.float64)
         turn = self.azimuth - math.atan2(center[1], center[0])
-        cosine, sine = math.cos(turn), math.sin(turn)
-        turned = self.hoax.astype(np.float64) @ np.array(
-            [[cosine, sine, 0.0], [-sine, cosine, 0.0], [0.0, 0.0, 1.0]]
-        )
+        turned = self.hoax.astype(np.float64) @ about_z(-turn)  # rows times the inverse
         away = self.distance - math.hypot(center[0], center[1])
         turned += away * np.array([math.cos(self.azimuth), math.sin(self.azimuth), 0.0])
         return np.ascontiguousarray(turned, np.float32)

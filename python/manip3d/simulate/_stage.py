@@ -13,7 +13,7 @@ from manip3d._util.linear import product
 from manip3d.lidar import Box
 from manip3d.simulate._raycast import NO_FACE
 from manip3d.simulate._shading import Shader
-from manip3d.simulate._world import Label, Surface, World, box_of
+from manip3d.simulate._world import Label, Surface, World, about_z, box_of
 
 Floats = NDArray[np.float32]
 
@@ -190,8 +190,7 @@ class Stage:
     ) -> None:
         """Replace hits by those of one mover that are nearer."""
         mover = self.movers[index]
-        cosine, sine = np.cos(mover.yaw), np.sin(mover.yaw)
-        to_mover = np.array([[cosine, -sine, 0], [sine, cosine, 0], [0, 0, 1]], np.float32)
+        to_mover = about_z(mover.yaw).astype(np.float32)  # rows times the inverse
         origin = origins if origins.ndim == 1 else origins[rays]
         moment = times[rays] if isinstance(times, np.ndarray) else times
         shift = np.array(mover.start, np.float32) + _moved(mover, moment)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from enum import IntEnum
@@ -184,11 +185,15 @@ class WorldBuilder:
         )
 
 
+def about_z(yaw: float) -> NDArray[np.float64]:
+    """The rotation about z, counter-clockwise, (3, 3)."""
+    cosine, sine = math.cos(yaw), math.sin(yaw)
+    return np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
+
+
 def turned(points: Points, yaw: float) -> Points:
     """Points rotated about z, counter-clockwise."""
-    cosine, sine = np.cos(yaw), np.sin(yaw)
-    matrix = np.array([[cosine, sine, 0.0], [-sine, cosine, 0.0], [0.0, 0.0, 1.0]])
-    return product(points, matrix)
+    return product(points, about_z(-yaw))  # rows times the inverse
 
 
 def placed(parts: Parts, *, at: ArrayLike = (0, 0, 0), yaw: float = 0.0) -> Parts:

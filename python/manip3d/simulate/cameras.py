@@ -20,6 +20,7 @@ from manip3d._util.reprs import short_repr
 from manip3d.authenticate import StereoRig
 from manip3d.errors import InputError
 from manip3d.simulate._stage import Mover, Stage
+from manip3d.simulate._world import about_z
 from manip3d.simulate.streets import Street
 
 if TYPE_CHECKING:
@@ -131,7 +132,7 @@ def surround_rigs() -> dict[str, StereoRig]:
 def _turn(angle: float) -> Doubles:
     """Rotation about the vertical by an angle in radians, (4, 4)."""
     turn = np.eye(4)
-    turn[:2, :2] = [[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]]
+    turn[:3, :3] = about_z(angle)
     return turn
 
 
@@ -175,9 +176,7 @@ def stereo_pair(
     position, yaw = street.pose([time])
     if not math.isfinite(heading):
         raise InputError(f"heading: expected a finite number, got {heading}")
-    angle = yaw[0] + math.radians(heading)
-    cosine, sine = np.cos(angle), np.sin(angle)
-    turn = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
+    turn = about_z(yaw[0] + math.radians(heading))
     rays, _ = _rays()
     aim = product(rays, turn.T.astype(np.float32))
     noise = [random.integers(0, 128, 3) for _ in range(2)]
@@ -273,9 +272,7 @@ def _pixels_of(mover: Mover, eye: Doubles, turn: Doubles, time: float) -> NDArra
     """Pixels of the rectangle around a mover's box; all pixels if it is beside the camera."""
     low, high = mover.model.vertices.min(axis=0), mover.model.vertices.max(axis=0)
     corner = np.array(np.meshgrid(*zip(low, high, strict=True))).reshape(3, -1).T
-    cosine, sine = np.cos(mover.yaw), np.sin(mover.yaw)
-    to_world = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
-    at = product(corner, to_world.T) + mover.start + mover.velocity * time
+    at = product(corner, about_z(mover.yaw).T) + mover.start + mover.velocity * time
     ahead, left, up = product(at - eye, turn).T
     if ahead.max() < 0.2:
         return np.empty(0, np.int64)
