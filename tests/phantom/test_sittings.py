@@ -54,7 +54,7 @@ class Sitting:
         self.path = path
         self.now = datetime(2026, 3, 2, 9, 0).astimezone()
         for module in (_sitting, _recorder):
-            patch.setattr(module, "_now", lambda: self.now)
+            patch.setattr(module, "local_now", lambda: self.now)
         self.number = 0
         if not path.exists():
             with Diary(path, create=True) as diary:

@@ -46,3 +46,8 @@ def float_or_nan(text: str) -> float:
         return math.nan if "_" in text else float(text)
     except ValueError:
         return math.nan
+
+
+def or_dash(value: int | None) -> str:
+    """Return a number as text, or a hyphen if there is none."""
+    return "-" if value is None else str(value)

@@ -1,4 +1,7 @@
-"""Times of frames in integer nanoseconds since 1970; float64 seconds resolve only 0.2 us."""
+"""Times of frames in integer nanoseconds since 1970, and of what people do.
+
+Float64 seconds since 1970 resolve only 0.2 us.
+"""
 
 from __future__ import annotations
 
@@ -43,3 +46,13 @@ def nanoseconds(seconds: float) -> int:
     if not abs(seconds) < 9e9:
         raise ValueError(f"expected seconds below 9e9, got {seconds!r}")
     return round(seconds * SECOND_NS)
+
+
+def local_now() -> datetime:
+    """Return the time with this machine's offset from UTC."""
+    return datetime.now().astimezone()
+
+
+def dated(moment: datetime) -> str:
+    """Return a time as people read it, such as ``2026-03-02 09:05``."""
+    return moment.strftime("%Y-%m-%d %H:%M")

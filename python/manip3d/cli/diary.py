@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from manip3d._util.texts import or_dash
+from manip3d._util.times import dated
 from manip3d.cli.options import Force, Json, Quiet
 from manip3d.cli.phantom import LimbName
 from manip3d.cli.terminal import Terminal, check_output, check_place, counted, naming_options, table
@@ -236,13 +238,13 @@ def list_participants(path: File, key: Key = None, as_json: Json = False) -> Non
 def _session_row(session: DiarySession) -> list[str]:
     """One line of the table of a participant's sessions."""
     stuck = sum(len(game.anomalies) for game in session.games)
-    pain = f"{_dash(session.pain_before)} -> {_dash(session.pain_after)}"
+    pain = f"{or_dash(session.pain_before)} -> {or_dash(session.pain_after)}"
     pain += "" if session.answered else " (not answered at the end)"
     games = [
         f"{game.game} {game.score}{' (simulated)' if game.is_simulated else ''}"
         for game in session.games
     ]
-    return [_day(session.started), printable(", ".join(games) or "none"), pain, str(stuck)]
+    return [dated(session.started), printable(", ".join(games) or "none"), pain, str(stuck)]
 
 
 @app.command("show")
@@ -284,7 +286,7 @@ def show_participant(path: File, participant: Who, key: Key = None, as_json: Jso
 
     def show(console: Console) -> None:
         limb = printable(f", {person.limb.replace('_', ' ')}") if person.limb else ""
-        told = f"{person.identifier}{limb}, enrolled {_day(person.enrolled)}"
+        told = f"{person.identifier}{limb}, enrolled {dated(person.enrolled)}"
         console.print(told, markup=False)
         console.print(
             f"{done.complete} of {done.expected} sessions complete in {counted(done.days, 'day')}, "
@@ -294,7 +296,7 @@ def show_participant(path: File, participant: Who, key: Key = None, as_json: Jso
         if rows:
             table(console, rows, ("session", "games and scores", "pain", "anomalies"))
         for rating in apart:
-            console.print(f"pain {rating.pain}, {_day(rating.at)}, outside of sessions")
+            console.print(f"pain {rating.pain}, {dated(rating.at)}, outside of sessions")
         for one in filled:
             _show_mcgill(console, one)
         for form in answers:
@@ -311,7 +313,7 @@ def show_participant(path: File, participant: Who, key: Key = None, as_json: Jso
 def _show_mcgill(console: Console, filled: McGill) -> None:
     score = filled.score
     console.print(
-        f"McGill, {filled.occasion}, {_day(filled.at)}: PRI {score.pri} ({score.sensory} + "
+        f"McGill, {filled.occasion}, {dated(filled.at)}: PRI {score.pri} ({score.sensory} + "
         f"{score.affective} + {score.evaluative} + {score.miscellaneous}), "
         f"NWC {score.nwc}, PPI {score.ppi}"
     )
@@ -320,22 +322,22 @@ def _show_mcgill(console: Console, filled: McGill) -> None:
 def _show_answers(console: Console, answers: Answers, mode: str) -> None:
     told = ", ".join(f"{name} {score:.4g}" for name, score in answers.scores.items())
     occasion = f"{mode} touch" if mode else answers.occasion
-    title = f"{answers.questionnaire.name}, {occasion}, {_day(answers.at)}"
+    title = f"{answers.questionnaire.name}, {occasion}, {dated(answers.at)}"
     console.print(printable(f"{title}: {told}"), markup=False)
 
 
 def _show_felt(console: Console, felt: FeltRecord) -> None:
     limb = f" ({felt.limb.replace('_', ' ')})" if felt.limb else ""
     told = (
-        f"felt limb{limb}, {_day(felt.at)}: {felt.length} % long, {felt.telescoping} % telescoped, "
-        f"raised {felt.raised} and bent {felt.bent} degrees"
+        f"felt limb{limb}, {dated(felt.at)}: {felt.length} % long, "
+        f"{felt.telescoping} % telescoped, raised {felt.raised} and bent {felt.bent} degrees"
     )
     console.print(printable(told), markup=False)
 
 
 def _show_event(console: Console, event: AdverseEvent) -> None:
     kind = "" if event.kind == "other" else f" ({event.kind})"
-    told = f"adverse event, {_day(event.at)}{kind}: {event.text}"
+    told = f"adverse event, {dated(event.at)}{kind}: {event.text}"
     console.print(printable(told), markup=False)
 
 
@@ -864,11 +866,3 @@ def _today(enrolled: datetime) -> date:
     from manip3d.diary._records import local_day
 
     return max(date.today(), local_day(enrolled))
-
-
-def _day(moment: datetime) -> str:
-    return moment.strftime("%Y-%m-%d %H:%M")
-
-
-def _dash(value: int | None) -> str:
-    return "-" if value is None else str(value)

@@ -107,7 +107,7 @@ class Diary(DiaryReading):
         """
         name = identifier_of(identifier)
         _check_limb(limb)
-        moment = aware(at, "at")
+        moment = aware(at)
         fields = {"identifier": name, "limb": limb, "enrolled": moment.isoformat(), "clips": clips}
         with self._file.begin() as rows:
             for participant in rows.everybody():
@@ -169,7 +169,7 @@ class Diary(DiaryReading):
         InputError
             No such participant.
         """
-        fields = {"started": aware(at, "at").isoformat(), "ended": None}
+        fields = {"started": aware(at).isoformat(), "ended": None}
         with self._file.begin() as rows:
             participant = rows.find(identifier)
             session = rows.add(schema.SESSIONS, participant, fields)
@@ -193,7 +193,7 @@ class Diary(DiaryReading):
         InputError
             No such session.
         """
-        self._set_time(session, "begun", aware(at, "at"), keep=True)
+        self._set_time(session, "begun", aware(at), keep=True)
 
     def end_session(
         self, session: int, *, at: datetime | None = None, answered: bool = True
@@ -215,7 +215,7 @@ class Diary(DiaryReading):
         InputError
             No such session.
         """
-        self._set_time(session, "ended", aware(at, "at"), about={"answered": answered})
+        self._set_time(session, "ended", aware(at), about={"answered": answered})
 
     def _set_time(
         self,
@@ -275,7 +275,7 @@ class Diary(DiaryReading):
         _check_limb(game.limb)
         if game.ending not in _ENDINGS:
             raise InputError(f"ending: expected {', '.join(_ENDINGS)}, got {game.ending!r}")
-        fields: dict[str, Any] = asdict(game) | {"at": aware(game.at, "at").isoformat()}
+        fields: dict[str, Any] = asdict(game) | {"at": aware(game.at).isoformat()}
         del fields["anomalies"], fields["number"]
         with self._file.begin() as rows:
             participant = rows.find_by_session(session)
@@ -348,7 +348,7 @@ class Diary(DiaryReading):
             raise InputError(f"pain: expected 0 to 10, got {pain}")
         if when is not None and when not in get_args(Moment):
             raise InputError(f"when: expected {', '.join(get_args(Moment))}, got {when!r}")
-        moment = aware(at, "at")
+        moment = aware(at)
         with self._file.begin() as rows:
             participant = rows.find(identifier)
             if session is not None:
@@ -398,7 +398,7 @@ class Diary(DiaryReading):
             questionnaire.
         """
         score = score_mcgill(ranks, ppi)
-        moment = aware(at, "at")
+        moment = aware(at)
         fields = {"at": moment.isoformat(), "occasion": occasion, "ranks": list(ranks), "ppi": ppi}
         self._add_filled(identifier, fields)
         return McGill(moment, occasion, tuple(ranks), score)
@@ -443,7 +443,7 @@ class Diary(DiaryReading):
             already has a questionnaire of this name.
         """
         questionnaire.check_answers(answers)
-        moment, given = aware(at, "at"), tuple(int(one) for one in answers)
+        moment, given = aware(at), tuple(int(one) for one in answers)
         fields: dict[str, Any] = {"at": moment.isoformat(), "occasion": occasion}
         if questionnaire.scores_like(MCGILL):
             questionnaire = MCGILL
@@ -510,7 +510,7 @@ class Diary(DiaryReading):
         given = tuple(int(one) for one in answers)
         if len(given) != 6 or not all(-3 <= one <= 3 for one in given):
             raise InputError(f"answers: expected 6 from -3 to 3, got {list(answers)}")
-        moment = aware(at, "at")
+        moment = aware(at)
         fields = {
             "at": moment.isoformat(),
             "kind": schema.OWNERSHIP,
@@ -566,7 +566,7 @@ class Diary(DiaryReading):
         ):  # fmt: skip
             if not low <= numbers[name] <= high:
                 raise InputError(f"{name}: expected {low} to {high}, got {numbers[name]}")
-        moment = aware(at, "at")
+        moment = aware(at)
         fields = {"at": moment.isoformat(), "kind": schema.FELT, "limb": limb, **numbers}
         self._add_answers(identifier, fields, session)
         return FeltRecord(moment, **numbers, limb=limb)
@@ -605,7 +605,7 @@ class Diary(DiaryReading):
             characters other than line feeds.
         """
         check_event_text(text)
-        fields = {"at": aware(at, "at").isoformat(), "kind": kind, "text": text}
+        fields = {"at": aware(at).isoformat(), "kind": kind, "text": text}
         with self._file.begin() as rows:
             participant = rows.find(identifier)
             if session is not None:

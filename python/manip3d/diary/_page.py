@@ -7,12 +7,13 @@ import html
 import os
 import re
 from collections.abc import Mapping, Sequence
-from datetime import date, datetime, timedelta
+from datetime import date, timedelta
 
 from manip3d._util.checked import checked
 from manip3d._util.html import Html, as_html, html_table, wide
 from manip3d._util.paths import path_of, refuse_existing
-from manip3d._util.texts import legible
+from manip3d._util.texts import legible, or_dash
+from manip3d._util.times import dated
 from manip3d.diary._clips import film
 from manip3d.diary._diary import Diary
 from manip3d.diary._protocol import Protocol, adherence
@@ -218,7 +219,7 @@ def _overview_row(diary: Diary, person: Participant, today: date, name: str) -> 
     rated = [s for s in real if s.pain_before is not None or s.pain_after is not None]
     done = adherence(sessions, person.enrolled, max(today, local_day(person.enrolled)))
     change = change_a_week(_pain_before(real, person))
-    pain = f"{_dash(rated[-1].pain_before)} to {_dash(rated[-1].pain_after)}" if rated else "-"
+    pain = f"{or_dash(rated[-1].pain_before)} to {or_dash(rated[-1].pain_after)}" if rated else "-"
     found = _alarms(diary, person, real, today)
     link = f'<a href="{name}">{html.escape(person.identifier)}</a>'
     told = "<br>".join(f'<span class="warning">{html.escape(one)}</span>' for one in found)
@@ -226,7 +227,7 @@ def _overview_row(diary: Diary, person: Participant, today: date, name: str) -> 
         Html(link),
         person.limb.replace("_", " ") or "-",
         f"{done.complete} of {done.expected} ({done.share:.0%})",
-        _day(real[-1].started) if real else "-",
+        dated(real[-1].started) if real else "-",
         pain,
         "-" if change is None else f"{change.value:+.1f} ({change.low:+.1f} to {change.high:+.1f})",
         Html(told or "-"),
@@ -273,7 +274,7 @@ def _page(
     parts = [
         *([f'<p><a href="{_INDEX}">All participants</a></p>'] if is_linked else []),
         f"<h1>{html.escape(legible(person.identifier + limb))}</h1>",
-        f'<p class="quiet">Enrolled {_day(person.enrolled)}. {_INTENDED_USE}</p>',
+        f'<p class="quiet">Enrolled {dated(person.enrolled)}. {_INTENDED_USE}</p>',
         "<h2>Sessions done</h2>",
         f"<p>{done.complete} of {done.expected} sessions with all {plan.games_a_session} games "
         f"({done.share:.0%}) up to day {done.days}, {done.partial} more in part. Days with a game: "
@@ -306,10 +307,6 @@ def _document(title: str, parts: Sequence[str]) -> str:
     )
 
 
-def _day(moment: datetime) -> str:
-    return moment.strftime("%Y-%m-%d %H:%M")
-
-
 def _left_out(simulated: int) -> str:
     return f" Left out: {simulated} of a simulated person." if simulated else ""
 
@@ -323,7 +320,7 @@ def _ratings_apart(diary: Diary, identifier: str, sessions: Sequence[DiarySessio
     """Return the table of ratings without a session, with its heading; empty: there are none."""
     within = {rating.number for session in sessions for rating in session.ratings}
     rows = [
-        [_day(rating.at), str(rating.pain)]
+        [dated(rating.at), str(rating.pain)]
         for rating in diary.ratings(identifier)
         if rating.number not in within
     ]
@@ -398,7 +395,7 @@ def _events(diary: Diary, identifier: str) -> str:
     events = diary.events(identifier)
     if not events:
         return "<p>None.</p>"
-    rows = [(_day(e.at), e.kind, e.text) for e in events]
+    rows = [(dated(e.at), e.kind, e.text) for e in events]
     return html_table(("When", "Kind", "In words"), rows)
 
 
@@ -407,7 +404,7 @@ def _mcgill(diary: Diary, identifier: str) -> str:
     if not filled:
         return "<p>None yet.</p>"
     rows = [
-        (one.occasion, _day(one.at), str(one.score.pri), str(one.score.nwc), str(one.score.ppi))
+        (one.occasion, dated(one.at), str(one.score.pri), str(one.score.nwc), str(one.score.ppi))
         for one in filled
     ]
     names = ("Occasion", "When", "Pain rating index, of 78", "Words chosen, of 20",
@@ -427,7 +424,7 @@ def _forms(diary: Diary, identifier: str) -> list[str]:
     parts = []
     for asked, answers in filled.items():
         rows = [
-            (one.occasion, _day(one.at), *(f"{score:.4g}" for score in one.scores.values()))
+            (one.occasion, dated(one.at), *(f"{score:.4g}" for score in one.scores.values()))
             for one in answers
         ]
         names = ("Occasion", "When", *(scale.name for scale in asked.scales))
@@ -437,11 +434,11 @@ def _forms(diary: Diary, identifier: str) -> list[str]:
 
 def _felt(diary: Diary, identifier: str) -> str:
     cues = [
-        (_day(one.at), one.mode, f"{one.ownership:+.1f}", f"{one.control:+.1f}")
+        (dated(one.at), one.mode, f"{one.ownership:+.1f}", f"{one.control:+.1f}")
         for one in diary.ownership(identifier)
     ]
     limbs = [
-        (_day(one.at), one.limb.replace("_", " ") or "-", f"{one.length} %",
+        (dated(one.at), one.limb.replace("_", " ") or "-", f"{one.length} %",
          f"{one.telescoping} %", f"{one.raised}°", f"{one.bent}°")
         for one in diary.felt(identifier)
     ]  # fmt: skip
@@ -463,9 +460,9 @@ def _sessions(sessions: Sequence[DiarySession]) -> str:
             for game in session.games
             for start, end in game.anomalies
         ]
-        pain = f"{_dash(session.pain_before)} to {_dash(session.pain_after)}"
+        pain = f"{or_dash(session.pain_before)} to {or_dash(session.pain_after)}"
         pain += "" if session.answered else f". {NOT_ANSWERED}"
-        begun = _day(session.started)
+        begun = dated(session.started)
         begun += f". {CLOCK_WENT_BACK}" if session.clock_went_back else ""
         rows.append((begun, games, pain, ", ".join(stuck) or "-"))
     return html_table(("Begun", "Games and scores", "Pain", "No point though in reach"), rows)
@@ -482,12 +479,8 @@ def _films(diary: Diary, identifier: str) -> str:
     return "\n".join(
         f'<figure><img alt="" src="{FILM_IN_PAGE.decode()}'
         f'{base64.b64encode(film(clip)).decode()}">'
-        f"<figcaption>{_day(clip.at)}, {as_html(clip.game)}: no point from {clip.start:.0f} to "
+        f"<figcaption>{dated(clip.at)}, {as_html(clip.game)}: no point from {clip.start:.0f} to "
         f"{clip.end:.0f} s of play, though something was in reach. The phantom limb is bluish."
         "</figcaption></figure>"
         for clip in found
     )
-
-
-def _dash(value: int | None) -> str:
-    return "-" if value is None else str(value)

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Literal
 
 from manip3d._util.reprs import short_repr
+from manip3d._util.times import local_now
 from manip3d.diary._mcgill import McGillScore
 from manip3d.diary._questionnaires import OWNERSHIP, Questionnaire
 from manip3d.errors import FormatError, InputError
@@ -35,12 +36,12 @@ def identifier_of(text: str) -> str:
     return text
 
 
-def aware(moment: datetime | None, name: str) -> datetime:
+def aware(moment: datetime | None) -> datetime:
     """Return the moment, or now if it is None; refuse a moment without offset from UTC."""
     if moment is None:
-        return datetime.now().astimezone()
+        return local_now()
     if moment.tzinfo is None:
-        raise InputError(f"{name}: expected a time with its offset from UTC, got {moment}")
+        raise InputError(f"at: expected a time with its offset from UTC, got {moment}")
     return moment
 
 

@@ -11,6 +11,7 @@ from collections.abc import Callable, Sequence
 from datetime import datetime
 from typing import TYPE_CHECKING, Literal
 
+from manip3d._util.times import local_now
 from manip3d.errors import InputError
 from manip3d.phantom._felt import FeltLimb
 from manip3d.phantom._recorder import GameSummary, Pictures
@@ -82,7 +83,7 @@ class DiaryRecorder:
         self._latency: Callable[[], float | None] | None = None
         self._session: list[int] = []  # number of the sitting in the diary, once it is written
         self._is_open = False  # whether a sitting has begun and is not over
-        self._latest = _now()  # time of the last entry
+        self._latest = local_now()  # time of the last entry
         self._over = self._latest  # end of the previous sitting
         self._row: list[int] | None = None  # number of the current game, once it is written
         self._withdrawals = 0  # number of times that consent to films was withdrawn
@@ -100,10 +101,10 @@ class DiaryRecorder:
         self._latency = latency
         self._unanswered = self._unanswered_so_far()
         self._session, self._is_open = (
-            [self._diary.start_session(self._participant, at=_now())],
+            [self._diary.start_session(self._participant, at=local_now())],
             True,
         )
-        self._latest = _now()
+        self._latest = local_now()
         self._writer = OrderedWriter()
         return self._diary.halt_reason(self._participant)
 
@@ -117,7 +118,7 @@ class DiaryRecorder:
         """
         found: list[Rating] = []
         sessions = self._diary.sessions(self._participant)
-        recent = [(last, one) for one in sessions if (last := _last_recent(one, _now()))]
+        recent = [(last, one) for one in sessions if (last := _last_recent(one, local_now()))]
         for _, sitting in sorted(recent, key=lambda known: known[0]):
             if not sitting.answered or (sitting.begun is not None and sitting.pain_after is None):
                 found += sitting.ratings
@@ -154,7 +155,8 @@ class DiaryRecorder:
             self._unanswered = [*self._unanswered, *self._ratings]
         # If the program ran past midnight, the sitting ended with its last entry; the time of that
         # entry lies ahead if the clock was set back since.
-        at = _now() if _now().date() == self._latest.date() else min(_now(), self._latest)
+        now = local_now()
+        at = now if now.date() == self._latest.date() else min(now, self._latest)
         self._over = at
         self._keep_of_session(
             "" if answered else f"no rating at the end of the session, {at:%H:%M}",
@@ -165,7 +167,7 @@ class DiaryRecorder:
         """Begin another sitting, with a first rating of its own; an open one is closed."""
         self.close_session()
         row: list[int] = []
-        at = _now()
+        at = local_now()
         self._session, self._is_open, self._latest = row, True, at
         self._ratings, self._has_begun, self._row = [], False, None
         if not goes_on(self._over, at):
@@ -210,7 +212,7 @@ class DiaryRecorder:
 
     def game(self, summary: GameSummary, clips: Sequence[Pictures] = ()) -> None:
         """Write a game that is over, with its films."""
-        what = f"game {summary.game}, {summary.score} points, {_now():%H:%M}"
+        what = f"game {summary.game}, {summary.score} points, {local_now():%H:%M}"
         self._keep_game(what, summary, clips)
         self._row = None
 
@@ -242,7 +244,7 @@ class DiaryRecorder:
             "version": __version__,
             "latency_ms": self._latency and self._latency(),
         }
-        return DiaryGame(at=_now(), **fields)
+        return DiaryGame(at=local_now(), **fields)
 
     def may_play(self) -> str:
         """Return why no game may start yet: without a first rating there is no stop rule."""
@@ -252,7 +254,7 @@ class DiaryRecorder:
         """Note that a game or touch cue begins: later ratings are "after", not "before"."""
         if not self._has_begun:
             self._has_begun = True
-            at = _now()
+            at = local_now()
             self._keep_of_session("", lambda row: self._diary.begin_play(row, at=at))
 
     def pain(self, value: int) -> str:
@@ -260,7 +262,7 @@ class DiaryRecorder:
         from manip3d.diary import Rating
         from manip3d.diary._protocol import judge_rating
 
-        at = _now()
+        at = local_now()
         when: Moment = "after" if self._has_begun else "before"
         reason = judge_rating([*self._unanswered, *self._ratings], value, at, when=when)
         self._ratings.append(Rating(at, value, when))
@@ -281,7 +283,7 @@ class DiaryRecorder:
             self._keep_event("other", text.strip())
 
     def _keep_event(self, kind: Literal["sickness", "other"], text: str = "") -> None:
-        at = _now()
+        at = local_now()
         self._keep_of_session(
             f"adverse event, {at:%H:%M}: {text or kind}",
             lambda row: self._diary.add_event(self._participant, kind, text, session=row, at=at),
@@ -317,7 +319,7 @@ class DiaryRecorder:
 
     def ownership(self, mode: Mode, answers: Sequence[int]) -> None:
         """Write the answers after a touch cue."""
-        at = _now()
+        at = local_now()
         self._keep_of_session(
             f"answers after a touch cue ({mode}): {', '.join(map(str, answers))}",
             lambda row: self._diary.add_ownership(
@@ -329,7 +331,7 @@ class DiaryRecorder:
         """Write the patient's description of the felt phantom limb."""
         self._felt[limb] = felt
         told = ", ".join(f"{name} {value}" for name, value in vars(felt).items())
-        at = _now()
+        at = local_now()
         self._keep_of_session(
             f"limb as it is felt: {told}",
             lambda row: self._diary.add_felt(
@@ -349,7 +351,7 @@ class DiaryRecorder:
 
         ``what`` describes the entry if it is lost; empty: it is not listed.
         """
-        session, self._latest = self._session, _now()
+        session, self._latest = self._session, local_now()
 
         def write_to_row() -> None:
             if not session:
@@ -367,7 +369,3 @@ def _last_recent(sitting: DiarySession, now: datetime) -> datetime | None:
     """Return the last of a sitting's times that are recent; None: the sitting is over."""
     times = [sitting.started, sitting.clock_at_end, *(rating.at for rating in sitting.ratings)]
     return max((at for at in times if at is not None and goes_on(at, now)), default=None)
-
-
-def _now() -> datetime:
-    return datetime.now().astimezone()

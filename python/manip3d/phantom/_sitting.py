@@ -5,6 +5,7 @@ from __future__ import annotations
 from datetime import datetime, timedelta
 from typing import Any, Literal
 
+from manip3d._util.times import local_now
 from manip3d.phantom._recorder import Recorder
 
 _REST = timedelta(hours=1)  # a longer time without messages around midnight ends a sitting
@@ -34,15 +35,15 @@ class Sitting:
         self.state: Literal["open", "ending", "over"] = "open"
         self.ask = ""
         self._pain: int | None = None
-        self._halt = "", _now().date()
-        self._last_said = _now()
+        self._halt = "", local_now().date()
+        self._last_said = local_now()
 
     def hear(self) -> bool:
         """Note a message of a page; return whether it comes after a rest, on another day.
 
         Such a rest ends the halt of the day before.
         """
-        now, (halt, day) = _now(), self._halt
+        now, (halt, day) = local_now(), self._halt
         is_another_day = now.date() != (day if halt else self._last_said.date())
         is_rested = is_another_day and now - self._last_said > _REST
         if is_rested:
@@ -53,13 +54,13 @@ class Sitting:
     def halt(self, reason: str) -> None:
         """Prevent further games today; an empty reason changes nothing."""
         if reason:
-            self._halt = reason, _now().date()
+            self._halt = reason, local_now().date()
 
     @property
     def halted(self) -> str:
         """Reason why no game may begin today, or empty; it stays if a sitting passes midnight."""
         reason, day = self._halt
-        now = _now()
+        now = local_now()
         return reason if day == now.date() or now - self._last_said <= _REST else ""
 
     def may_begin(self) -> bool:
@@ -107,7 +108,3 @@ class Sitting:
         assert self._recorder is not None
         self.state = "over"
         self._recorder.close_session(answered=answered)
-
-
-def _now() -> datetime:
-    return datetime.now().astimezone()
