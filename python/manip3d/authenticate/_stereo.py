@@ -149,8 +149,6 @@ class Disparity:
         refused, because their unit differs: divide OpenCV's by 16 and those of KITTI's PNG by 256.
     step : int
         Side, in pixels of the image, of the square that a pixel of the map represents.
-    producer : str
-        Name of the method that computed the map.
     grey : (h, w) uint8, optional
         The left picture at the size of this map. It shows dark surfaces, which LiDAR may not see.
 
@@ -162,7 +160,6 @@ class Disparity:
 
     values: NDArray[np.float32]
     step: int = 1
-    producer: str = field(default="", compare=False)
     grey: NDArray[np.uint8] | None = field(default=None, repr=False)
 
     __repr__ = short_repr
@@ -268,7 +265,7 @@ def stereo_disparity(left: ArrayLike, right: ArrayLike) -> Disparity:
         _agrees(left_pixels, right_pixels) & _has_texture(cv2, halved[0]), left_pixels, 0
     )
     values = sixteenths.astype(np.float32) / np.float32(16.0)
-    return Disparity(values, STEP, f"OpenCV {cv2.__version__} SGBM 3-way, halved", halved[0])
+    return Disparity(values, STEP, halved[0])
 
 
 def _matched(cv2: Any, left: NDArray[np.uint8], right: NDArray[np.uint8]) -> NDArray[np.int16]:

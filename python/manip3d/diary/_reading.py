@@ -64,11 +64,6 @@ class DiaryReading(Closing):
         self._file.close()
 
     @property
-    def is_encrypted(self) -> bool:
-        """Whether a key is needed to read the diary."""
-        return self._file.key is not None
-
-    @property
     def study(self) -> str:
         """Random UUID of the study, which distinguishes its participants from those of others."""
         return self._file.study
