@@ -219,6 +219,17 @@ def refuse_other_files(folder: Path, is_ours: Callable[[str], bool]) -> None:
         raise InputError(f"output: {folder} holds other files: {', '.join(others[:3])}")
 
 
+def holds_only(folder: Path, is_ours: Callable[[str], bool]) -> bool:
+    """Return whether a path is a folder that holds no `other_files`.
+
+    Raises
+    ------
+    OSError
+        The folder cannot be read.
+    """
+    return folder.is_dir() and not other_files(folder, is_ours)
+
+
 def other_files(folder: Path, is_ours: Callable[[str], bool]) -> list[str]:
     """Return the sorted names in a folder for which ``is_ours`` is False; the folder may be absent.
 

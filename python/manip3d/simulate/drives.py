@@ -22,7 +22,7 @@ from manip3d._util.texts import counted
 from manip3d._util.times import SECOND_NS
 from manip3d.authenticate import RIGS_FILE, CameraPair, write_rigs
 from manip3d.errors import InputError
-from manip3d.io._files import atomic_folder
+from manip3d.io._files import atomic_folder, holds_only
 from manip3d.lidar import Box
 from manip3d.simulate import cameras
 from manip3d.simulate.cameras import StereoPair, stereo_pair
@@ -234,7 +234,7 @@ def write_drive(
         The folder cannot be written; no files are left behind.
     """
     target = path_of(folder, "folder")
-    if target.exists() and not (overwrite and _holds_drives_only(target)):
+    if target.exists() and not (overwrite and holds_only(target, is_part_of_drives)):
         kind = "a new folder or one of a simulated drive" if overwrite else "a new folder"
         raise InputError(f"{target}: expected {kind}, but this one exists")
     if not 0 <= number <= 9999:
@@ -264,10 +264,6 @@ def write_drive(
                     report((index + 1) / frames)
         _write_times(day / name, moments, pictures=pictures)
     return target / DATE / name
-
-
-def _holds_drives_only(folder: Path) -> bool:
-    return folder.is_dir() and all(is_part_of_drives(path.name) for path in folder.iterdir())
 
 
 def is_part_of_drives(name: str) -> bool:

@@ -15,7 +15,7 @@ from manip3d._util.checked import checked
 from manip3d._util.html import html_table, wide
 from manip3d._util.paths import path_of, refuse_existing
 from manip3d.errors import InputError
-from manip3d.io._files import atomic_folder
+from manip3d.io._files import atomic_folder, holds_only
 from manip3d.study._engine import Study, is_screen, scale_of, screen_step, state_of
 from manip3d.study._steps import Field, Value
 from manip3d.study._store import Session, StudyFolder
@@ -110,9 +110,7 @@ def write_results(
     """
     target = path_of(output)
     refuse_existing(target, overwrite=overwrite, name="output")
-    if target.exists() and (
-        not target.is_dir() or any(each.name not in FILES for each in target.iterdir())
-    ):
+    if target.exists() and not holds_only(target, FILES.__contains__):
         raise InputError(f"output: expected a folder of results, got {target}")
     sessions = [s for s in folder.sessions.values() if state_of(study, s) != "declined"]
     sessions.sort(key=lambda session: session.number)

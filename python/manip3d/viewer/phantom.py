@@ -21,7 +21,7 @@ import numpy as np
 from manip3d._util.extras import imported, require
 from manip3d._util.options import reporting
 from manip3d.errors import InputError
-from manip3d.io._files import atomic_folder, atomic_path, atomic_write
+from manip3d.io._files import atomic_folder, atomic_path, atomic_write, holds_only
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -294,16 +294,12 @@ def _sink(output: Path, *, overwrite: bool) -> Iterator[Sink]:
         raise InputError(
             f"output: expected .mp4, .png, or a folder's name without a suffix, got {output}"
         )
-    if output.exists() and not (overwrite and _holds_pictures_only(output)):
+    if output.exists() and not (overwrite and holds_only(output, is_picture_of_phantom)):
         raise InputError(
             f"output: expected a new folder, or one of pictures to overwrite, got {output}"
         )
     with atomic_folder(output) as new:
         yield _Folder(new)
-
-
-def _holds_pictures_only(folder: Path) -> bool:
-    return folder.is_dir() and all(is_picture_of_phantom(path.name) for path in folder.iterdir())
 
 
 def is_picture_of_phantom(name: str) -> bool:
