@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import lattice_scans as scans
+from manip3d._util.shares import upper_limit
 from manip3d.authenticate import generic_consistency
 from manip3d.experiments import _roc, detector_3
 from manip3d.experiments._lidar_attacks import ADDING, OTHERS, Target, as_written
@@ -86,8 +87,8 @@ def test_interval_is_over_scenes() -> None:
 
 
 def test_bound_of_a_rate() -> None:
-    assert _roc.upper_bound(0, 14) == pytest.approx(1.0 - 0.05 ** (1.0 / 14.0))
-    assert _roc.upper_bound(3, 3) == 1.0
+    assert upper_limit(0, 14) == pytest.approx(1.0 - 0.05 ** (1.0 / 14.0))
+    assert upper_limit(3, 3) == 1.0
 
 
 def test_tuning_drives_are_in_no_test() -> None:

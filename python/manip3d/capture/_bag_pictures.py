@@ -48,7 +48,7 @@ def decoded(picture: BagPicture) -> NDArray[np.uint8]:
     header, name = picture.header, picture.header["picture"]
     if "format" in header:
         try:
-            return decoded_picture(picture.data, "alert")
+            return decoded_picture(picture.data)
         except FormatError as error:
             raise FormatError(f"{name}: {error.reason}") from error
     encoding = header["encoding"]

@@ -315,8 +315,8 @@ def _same(one: Registration | None, other: Registration | None) -> bool:
     )
 
 
-def motion_of(place: str, rate: float = _RATE) -> list[Skeleton] | None:
-    """Return the poses of a BVH file, resampled to ``rate`` in Hz; None for other files."""
+def motion_of(place: str) -> list[Skeleton] | None:
+    """Return the poses of a BVH file, resampled to 30 Hz; None for other files."""
     if not place.lower().endswith(".bvh"):
         return None
-    return list(skeletons_from_motion(read_bvh(place), rate=rate))
+    return list(skeletons_from_motion(read_bvh(place), rate=_RATE))

@@ -670,7 +670,7 @@ def _find_calibration(path: Path, given: Path | None) -> tuple[Path | None, bool
 
 def _picture(path: Path) -> NDArray[np.uint8]:
     try:
-        return decoded_picture(regular_bytes(path), "alert")
+        return decoded_picture(regular_bytes(path))
     except FormatError as error:
         raise FormatError(error.reason, file=str(path)) from error
 

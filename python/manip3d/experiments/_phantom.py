@@ -183,13 +183,9 @@ def grey_view(
 
 def packed(picture: Picture) -> str:
     """Encode a picture as a string for JSON: base64 of its PNG file."""
-    import io
+    from manip3d.viewer.pictures import png_bytes
 
-    from PIL import Image
-
-    stream = io.BytesIO()
-    Image.fromarray(picture).save(stream, "PNG", optimize=True)
-    return base64.b64encode(stream.getvalue()).decode()
+    return base64.b64encode(png_bytes(picture)).decode()
 
 
 def unpacked(word: str) -> Picture:

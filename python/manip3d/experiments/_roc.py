@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from manip3d._util.shares import upper_limit
-
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
 Scores = Mapping[str, Sequence[float]]
 """Scores of the frames of each scene, by scene."""
+
+_RESAMPLES = 2000  # of the bootstrap
 
 
 def auc(clean: ArrayLike, forged: ArrayLike) -> float:
@@ -25,14 +25,12 @@ def auc(clean: ArrayLike, forged: ArrayLike) -> float:
     return float(np.mean((ranks > 0) + 0.5 * (ranks == 0)))
 
 
-def auc_interval(
-    clean: Scores, forged: Scores, *, resamples: int = 2000, seed: int = 0
-) -> tuple[float, float]:
+def auc_interval(clean: Scores, forged: Scores) -> tuple[float, float]:
     """Return the 95 % bootstrap interval of the area; whole scenes are drawn with replacement."""
     scenes = sorted(set(clean) & set(forged))
-    random = np.random.default_rng(seed)
+    random = np.random.default_rng(0)
     areas = []
-    for draw in random.integers(len(scenes), size=(resamples, len(scenes))):
+    for draw in random.integers(len(scenes), size=(_RESAMPLES, len(scenes))):
         some = [scenes[i] for i in draw]
         areas.append(
             auc(
@@ -50,8 +48,3 @@ def curve(clean: Sequence[float], forged: Sequence[float]) -> tuple[list[float],
     false = [float(np.mean(np.asarray(clean) >= t)) for t in thresholds]
     found = [float(np.mean(np.asarray(forged) >= t)) for t in thresholds]
     return [0.0, *false], [0.0, *found]
-
-
-def upper_bound(events: int, trials: int, confidence: float = 0.95) -> float:
-    """Return Clopper and Pearson's one-sided upper confidence bound of a rate."""
-    return upper_limit(events, trials, confidence)

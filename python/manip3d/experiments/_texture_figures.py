@@ -17,7 +17,7 @@ from manip3d.experiments._depth import (
     real_data,
     reduction_case,
 )
-from manip3d.experiments._depth_claims import twenty_times_faster
+from manip3d.experiments._depth_claims import cs3_twenty_times_faster
 from manip3d.experiments._model import Case, Claim, Column, Experiment, Finding, Plan, Row, by_model
 
 METHODS = ("qem-tp", "qem-orig", "cios", "relief")
@@ -68,7 +68,7 @@ def _relief_below_preserving(rows: Sequence[Row]) -> Iterator[Finding]:
 
 
 def _fraction_of_the_time(rows: Sequence[Row]) -> Iterator[Finding]:
-    yield from twenty_times_faster(rows, "cios", "qem-tp")
+    yield from cs3_twenty_times_faster(rows, "qem-tp")
 
 
 _COLUMNS = (

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from manip3d import authenticate, forge
+from manip3d._util.shares import upper_limit
 from manip3d.authenticate import SensorLattice, estimate_lattice, generic_consistency
 from manip3d.experiments import _recorded, _roc
 from manip3d.experiments._lidar_attacks import ADDING, OTHERS, Target, as_written
@@ -451,8 +452,8 @@ def _no_alarm(rows: Sequence[Row]) -> Iterator[Finding]:
         yield Finding(
             "what so few frames allow",
             None,
-            f"{alarms} alarms: a rate of at most {_roc.upper_bound(alarms, frames):.1%} of "
-            f"{frames} frames if they were independent, {_roc.upper_bound(0, len(tested)):.0%} of "
+            f"{alarms} alarms: a rate of at most {upper_limit(alarms, frames):.1%} of "
+            f"{frames} frames if they were independent, {upper_limit(0, len(tested)):.0%} of "
             f"{len(tested)} scenes (95 %)",
         )
 
@@ -465,7 +466,7 @@ def _rate_kept(rows: Sequence[Row]) -> Iterator[Finding]:
         yield Finding(
             "simulated streets",
             alarms <= ALARM_RATE * frames,
-            f"{alarms} of {frames} frames, at most {_roc.upper_bound(alarms, frames):.2%} (95 %); "
+            f"{alarms} of {frames} frames, at most {upper_limit(alarms, frames):.2%} (95 %); "
             f"largest score {max(_simulated_scores(rows)):.2f}",
         )
 

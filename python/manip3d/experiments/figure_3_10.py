@@ -14,7 +14,7 @@ from manip3d.experiments._depth import (
     real_data,
     reduction_case,
 )
-from manip3d.experiments._depth_claims import below_others
+from manip3d.experiments._depth_claims import cs3_below_others
 from manip3d.experiments._model import Case, Experiment, Plan
 
 _MODELS = ("Dragon",)
@@ -36,8 +36,7 @@ EXPERIMENT = Experiment(
     cases=_cases,
     columns=QUALITY_COLUMNS,
     claims=(
-        below_others(
-            "cios",
+        cs3_below_others(
             ("uniform", "poisson", "ssa"),
             "metro_vertex",
             "Metro (at every vertex of the dense mesh)",

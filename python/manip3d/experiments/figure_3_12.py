@@ -13,7 +13,7 @@ from manip3d.experiments._depth import (
     real_data,
     reduction_case,
 )
-from manip3d.experiments._depth_claims import below_others
+from manip3d.experiments._depth_claims import cs3_below_others
 from manip3d.experiments._model import Case, Experiment, Plan
 
 _MODELS = ("Person 3",)
@@ -35,8 +35,7 @@ EXPERIMENT = Experiment(
     cases=_cases,
     columns=ERROR_COLUMNS,
     claims=(
-        below_others(
-            "cios",
+        cs3_below_others(
             ("uniform", "poisson", "ssa"),
             "metro_area",
             "Metro (area sampling)",

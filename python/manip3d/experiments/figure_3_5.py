@@ -11,7 +11,7 @@ from manip3d.experiments._depth import (
     real_data,
     reduction_case,
 )
-from manip3d.experiments._depth_claims import below_others
+from manip3d.experiments._depth_claims import cs3_below_others
 from manip3d.experiments._model import Case, Experiment, Plan
 
 _MODELS = ("Dragon",)
@@ -32,9 +32,7 @@ EXPERIMENT = Experiment(
     data=real_data(_MODELS),
     cases=_cases,
     columns=ERROR_COLUMNS,
-    claims=(
-        below_others("cios", ("uniform",), "metro_area", "Metro (area sampling)", "figure 3.5"),
-    ),
+    claims=(cs3_below_others(("uniform",), "metro_area", "Metro (area sampling)", "figure 3.5"),),
     sheets=_depth_pictures.point_sheets,
     notes=(
         DATA_NOTE,

@@ -18,7 +18,7 @@ from manip3d.experiments._depth import (
     real_data,
     reduction_case,
 )
-from manip3d.experiments._depth_claims import twenty_times_faster
+from manip3d.experiments._depth_claims import cs3_twenty_times_faster
 from manip3d.experiments._model import Case, Claim, Column, Experiment, Finding, Plan, Row, by_model
 
 _TABLE = "table_3_3_time_ms"
@@ -42,7 +42,7 @@ def _complete(row: Row) -> Row:
 
 
 def _faster_than_qem(rows: Sequence[Row]) -> Iterator[Finding]:
-    yield from twenty_times_faster(rows, "cios", "qem4vr")
+    yield from cs3_twenty_times_faster(rows, "qem4vr")
 
 
 def _faster_than_fmeps(rows: Sequence[Row]) -> Iterator[Finding]:

@@ -204,7 +204,7 @@ def encoded_picture(pixels: NDArray[np.uint8]) -> bytes:
     return stream.getvalue()
 
 
-def decoded_picture(data: bytes, extra: str) -> NDArray[np.uint8]:
+def decoded_picture(data: bytes) -> NDArray[np.uint8]:
     """Decode a PNG or JPEG: (H, W) if it is grey, else (H, W, 3) red, green, blue.
 
     Raises
@@ -214,7 +214,7 @@ def decoded_picture(data: bytes, extra: str) -> NDArray[np.uint8]:
     MissingExtraError
         Pillow is not installed.
     """
-    image_module = imported("PIL.Image", extra)
+    image_module = imported("PIL.Image", "alert")
     try:
         with image_module.open(io.BytesIO(data), formats=("PNG", "JPEG")) as image:
             if image.mode.startswith(("I", "F")):

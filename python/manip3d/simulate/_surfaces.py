@@ -201,9 +201,9 @@ def surface_of(field: Field, low: ArrayLike, high: ArrayLike, cell: float) -> Pa
     return Patch(vertices, _split_quads(vertices, quads))
 
 
-def on_surface(field: Field, points: Points, cell: float, steps: int = 4) -> Points:
+def on_surface(field: Field, points: Points, cell: float) -> Points:
     """Move points to the zero set of ``field`` along its gradient, at most half a cell per step."""
-    for _ in range(steps):
+    for _ in range(4):
         gradient = np.stack(
             [
                 (field(points + offset) - field(points - offset)) / (2e-3 * cell)

@@ -483,7 +483,7 @@ def jet(faces: int = 35_095) -> Mesh:
     faces : int
         Approximate number of faces.
     """
-    materials = [_textured("livery", png(_livery_pixels(512))), _textured("engine", _checker())]
+    materials = [_textured("livery", png(_livery_pixels())), _textured("engine", _checker())]
 
     def build(density: float) -> Mesh:
         patches = _fuselage(density, length=15.0, radius=0.95, tail_rise=0.55)
@@ -509,7 +509,7 @@ def airplane(faces: int = 66_496) -> Mesh:
         Approximate number of faces.
     """
     materials = [
-        _textured("livery", png(_livery_pixels(512))),
+        _textured("livery", png(_livery_pixels())),
         _plain("engine", 0.25, 0.25, 0.27, metallic=0.8, roughness=0.5),
         _plain("tyre", 0.03, 0.03, 0.03, roughness=0.9),
         _plain("strut", 0.6, 0.6, 0.62, metallic=0.7, roughness=0.4),
@@ -661,8 +661,9 @@ def _spine(side: Patch) -> Patch:
     return sheet(np.stack([ridge, ridge + np.array([0.05, 0.0, 0.12])]), 3)
 
 
-def _livery_pixels(size: int) -> NDArray[np.uint8]:
+def _livery_pixels() -> NDArray[np.uint8]:
     """Wings in the lower half (two charts side by side), the two sides of the fuselage above."""
+    size = 512
     u, v = np.meshgrid((np.arange(size) + 0.5) / size, 1.0 - (np.arange(size) + 0.5) / size)
     color = np.full((size, size, 3), 236.0)
     chord, span = (u % 0.5 - 0.02) / 0.46, (v - 0.02) / 0.46

@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NoReturn
 
+from manip3d._util.arrays import one_line
 from manip3d._util.paths import path_of
 from manip3d.errors import FormatError
 from manip3d.io._files import limited_bytes
@@ -44,7 +45,7 @@ class Section:
         FormatError
             Always; the message names the key and what was expected.
         """
-        got = f", got {_shown(self._table[key])}" if key in self._table else ""
+        got = f", got {one_line(self._table[key], 60)}" if key in self._table else ""
         raise FormatError(f"{self._at(key)}: expected {expected}{got}", file=self._file)
 
     def has(self, key: str) -> bool:
@@ -148,11 +149,6 @@ class Section:
         if default is None:
             raise FormatError(f"{self._at(key)}: expected {expected}, found none", file=self._file)
         return default
-
-
-def _shown(value: Any) -> str:
-    text = repr(value)
-    return text if len(text) <= 60 else f"{text[:57]}..."
 
 
 @dataclass(frozen=True)

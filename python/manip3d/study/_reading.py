@@ -69,7 +69,7 @@ def read_study(path: str | os.PathLike[str]) -> tuple[Study, dict[str, Any]]:
     if isinstance(study, RatingStudy):  # the stimuli are needed to evaluate the answers
         items = [{k: v for k, v in vars(item).items() if v != ""} for item in study.items]
         definition["rating"] = definition["rating"] | {"items": items}
-    checksums = {n: _checksum(f) for n, f in study.files().items() if f.is_file()}
+    checksums = {n: sha256_of(f) for n, f in study.files().items() if f.is_file()}
     if checksums:
         definition[CHECKSUMS] = checksums
     return study, definition
@@ -109,10 +109,6 @@ def _study(definition: Mapping[str, Any], base: Path | None, file: str) -> Study
     top = Section(definition, "", file)
     kind = top.word("kind", tuple(_KINDS))
     return _KINDS[kind].read(Section(definition, "", file), base)  # type: ignore[attr-defined, no-any-return]
-
-
-def _checksum(file: Path) -> str:
-    return sha256_of(file)
 
 
 _RESERVED = ("record_id", "state", "group", "card_px", "distance_cm", "agree")
