@@ -1,4 +1,4 @@
-"""Runs of the command line in processes of their own."""
+"""Runs of the command line: in this process, or in processes of their own."""
 
 from __future__ import annotations
 
@@ -15,12 +15,21 @@ import threading
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
+from typer.testing import CliRunner, Result
+
+from manip3d.cli import app
+
 READ_AT_START = re.compile(
     r"PYTHON|LC_|LANG|LD_|OMP_|OPENBLAS_|MALLOC_|GLIBC_|TERMINAL_WIDTH|FORCE_COLOR|NO_COLOR|PY_COLORS"
 )
 """Variables that Python and libraries read when they are loaded."""
 LONGEST_S = 300.0
 """Limit of the time of a command."""
+
+
+def run(*arguments: object, entered: str = "") -> Result:
+    """Run the command in this process; ``entered`` is what a user types."""
+    return CliRunner().invoke(app, [str(each) for each in arguments], input=entered)
 
 
 def manip3d(

@@ -100,13 +100,28 @@ def realdata() -> real_data.RealData:
 
 
 @pytest.fixture(scope="session")
-def chromium() -> None:
-    """Skip where there is no browser or no page to show in it; ``-m browser`` chooses its tests."""
-    from manip3d.viewer import _chromium
+def bundle() -> None:
+    """Skip where the viewer is not built."""
     from manip3d.viewer.page import BUNDLE
 
     if not BUNDLE.exists():
         pytest.skip("the viewer is not built: make setup")
+
+
+@pytest.fixture(scope="session")
+def live_page() -> None:
+    """Skip where the page of live sessions is not built."""
+    from manip3d.viewer.page import BUNDLE
+
+    if not (BUNDLE.parent / "live.js").exists():
+        pytest.skip("the page is not built: make setup")
+
+
+@pytest.fixture(scope="session")
+def chromium(bundle: None) -> None:
+    """Skip where there is no browser or no page to show in it; ``-m browser`` chooses its tests."""
+    from manip3d.viewer import _chromium
+
     pytest.importorskip("PIL.Image")
     try:
         _chromium.program()

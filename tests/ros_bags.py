@@ -346,3 +346,8 @@ def livox_points(number: int, count: int = 30) -> np.ndarray[Any, Any]:
     for name, kind in kinds:
         table[name] = rng.normal(size=count) if "f" in kind else rng.integers(0, 200, count)
     return table
+
+
+def torn(data: bytes) -> bytes:
+    """Return the first half of a message or file."""
+    return data[: len(data) // 2]

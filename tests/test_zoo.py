@@ -12,7 +12,6 @@ import re
 import tempfile
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -23,7 +22,7 @@ from manip3d.io import WRITABLE, write_mesh
 from manip3d.metrics import boundary_gap, closest_points, fmpd, metro, texture_error
 from manip3d.simplify import METHODS, clean, fast, quality
 from manip3d.viewer import html, notebook, picture
-from zoo import MESHES, REFUSED, TRIANGLE
+from zoo import MESHES, REFUSED, TRIANGLE, arrays_of
 
 
 def written_and_read(mesh: Mesh, suffix: str) -> Mesh:
@@ -109,11 +108,6 @@ def assert_valid(result: object, where: str = "result") -> None:
     elif isinstance(result, tuple | list):
         for i, value in enumerate(result):
             assert_valid(value, f"{where}[{i}]")
-
-
-def arrays_of(mesh: Mesh) -> dict[str, Any]:
-    arrays = {name: getattr(mesh, name) for name in Mesh.__slots__}
-    return {name: value for name, value in arrays.items() if isinstance(value, np.ndarray)}
 
 
 @pytest.mark.parametrize("name", MESHES)

@@ -10,6 +10,7 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from manip3d import Material, Mesh
 
@@ -439,3 +440,15 @@ REFUSED: dict[str, tuple[dict[str, Any], str]] = {
     "color_out_of_range": ({"colors": [[0, 0, 256]] * 3}, "colors"),
     "too_few_colors": ({"colors": [[0, 0, 0]]}, "per vertex (3)"),
 }
+
+
+def volume(mesh: Mesh) -> float:
+    """Return the signed volume of a closed mesh."""
+    a, b, c = (mesh.vertices[mesh.faces[:, corner]] for corner in range(3))
+    return float(np.einsum("ij,ij->i", a, np.cross(b, c)).sum() / 6.0)
+
+
+def arrays_of(mesh: Mesh) -> dict[str, NDArray[Any]]:
+    """Return the arrays of a mesh by name."""
+    values = {name: getattr(mesh, name) for name in Mesh.__slots__}
+    return {name: value for name, value in values.items() if isinstance(value, np.ndarray)}

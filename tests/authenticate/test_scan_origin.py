@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from typer.testing import CliRunner
 
+import command_line
 import manip3d
 from cave_scans import CAVE, ball, cave
 from manip3d import InputError, LidarFrame, forge
@@ -26,7 +26,6 @@ from manip3d.authenticate import (
     inspect,
     occlusion_consistency,
 )
-from manip3d.cli import app
 from manip3d.lidar import ScanFormat
 from real_data import RealData
 from watermark_scans import grid_scan
@@ -214,7 +213,7 @@ def test_what_is_refused() -> None:
 
 
 def run(*arguments: object) -> tuple[int, dict[str, object]]:
-    result = CliRunner().invoke(app, [str(a) for a in arguments] + ["--json", "-q", "--no-power"])
+    result = command_line.run(*arguments, "--json", "-q", "--no-power")
     return result.exit_code, json.loads(result.stdout)
 
 

@@ -19,12 +19,7 @@ from manip3d import LidarFrame
 from manip3d.authenticate import KeyFile, Watermarked, Watermarker
 from manip3d.authenticate import _verified_frames as kept
 from manip3d.errors import Error, FormatError, InputError
-from watermark_scans import ROOT_KEY, grid_scan, key_file
-
-
-@pytest.fixture
-def key(tmp_path: Path) -> KeyFile:
-    return KeyFile(key_file(tmp_path / "sensor.key"))
+from watermark_scans import ROOT_KEY, grid_scan
 
 
 @pytest.fixture

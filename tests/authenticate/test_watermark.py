@@ -39,11 +39,6 @@ CARRYING = ("lbm", "qim")
 ALL = ("lbm", "qim", "detached")
 
 
-@pytest.fixture
-def key(tmp_path: Path) -> KeyFile:
-    return KeyFile(key_file(tmp_path / "sensor.key"))
-
-
 def frame(count: int = 6000, seed: int = 0) -> LidarFrame:
     return LidarFrame(grid_scan(count, seed), reflectances(count, seed))
 

@@ -19,11 +19,6 @@ LATTICE = scans.lattice()
 EMBEDDINGS = ("lbm", "qim")
 
 
-@pytest.fixture
-def key(tmp_path: Path) -> KeyFile:
-    return KeyFile(key_file(tmp_path / "key"))
-
-
 def street() -> LidarFrame:
     points = scans.scan(np.random.default_rng(5))
     reading = LATTICE.read(points)

@@ -26,12 +26,6 @@ ANY = Policy(order="any")
 Exact = NDArray[np.float64]
 
 
-@pytest.fixture
-def key(tmp_path: Path) -> Iterator[KeyFile]:
-    with KeyFile(key_file(tmp_path / "sensor.key")) as opened:
-        yield opened
-
-
 def survey(units: int = 1000, count: int = 4000, *, at: Exact = UTM) -> LidarFrame:
     """A street in coordinates of a national grid, in whole steps of 1/units m."""
     steps = np.round(grid_scan(count).astype(np.float64) * 1000.0) + np.round(at * units)

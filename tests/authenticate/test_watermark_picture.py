@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 import watermark_oracle as oracle
 from numpy.typing import NDArray
-from typer.testing import CliRunner
 
+import command_line
 from manip3d import LidarFrame, _core
 from manip3d.authenticate import (
     KeyFile,
@@ -28,19 +28,13 @@ from manip3d.authenticate import (
     write_watermarked,
 )
 from manip3d.authenticate._picture_files import picture_path
-from manip3d.cli import app
 from manip3d.errors import FormatError, InputError
-from watermark_scans import ROOT_KEY, grid_scan, key_file, reflectances
+from watermark_scans import ROOT_KEY, grid_scan, reflectances
 
 pytest.importorskip("PIL")
 
 Picture = NDArray[np.uint8]
 CARRIER = 16384
-
-
-@pytest.fixture
-def key(tmp_path: Path) -> KeyFile:
-    return KeyFile(key_file(tmp_path / "sensor.key"))
 
 
 def frame(seed: int = 0) -> LidarFrame:
@@ -248,7 +242,7 @@ def test_a_picture_is_written_as_it_is_read(tmp_path: Path, channels: int) -> No
 
 
 def run(*arguments: object) -> tuple[int, dict[str, Any]]:
-    done = CliRunner().invoke(app, ["watermark", *map(str, arguments), "--json", "-q"])
+    done = command_line.run("watermark", *arguments, "--json", "-q")
     return done.exit_code, json.loads(done.stdout) if done.stdout.startswith("{") else {}
 
 

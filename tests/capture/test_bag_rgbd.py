@@ -47,6 +47,7 @@ from ros_bags import (  # noqa: E402
     points_of,
     realsense,
     realsense_ros2,
+    torn,
     transform,
     write_bag,
     write_mixed_bag,
@@ -549,10 +550,6 @@ def altered(path: Path, topic: str, number: int, alter: Callable[[bytes], bytes]
         row, data = database.execute(find, (topic, number)).fetchone()
         database.execute("UPDATE messages SET data = ? WHERE id = ?", (alter(data), row))
     return f"rgbd-bag:{path}"
-
-
-def torn(data: bytes) -> bytes:
-    return data[: len(data) // 2]
 
 
 REALSENSE_DEPTH = "/device_0/sensor_0/Depth_0/image"

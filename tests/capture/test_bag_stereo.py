@@ -35,6 +35,7 @@ from ros_bags import (  # noqa: E402
     image,
     message,
     points_of,
+    torn,
     transform,
     write_mixed_bag,
 )
@@ -163,10 +164,6 @@ def test_compressed_pictures(tmp_path: Path, kind: str, format: str) -> None:
     assert np.abs(found.pictures[0].astype(int) - rgb).max() <= (0 if kind == "PNG" else 3)
 
 
-def _cut(data: bytes) -> bytes:
-    return data[: len(data) // 2]
-
-
 def _png(mode: str = "L") -> bytes:
     file = io.BytesIO()
     PIL_Image.new(mode, (640, 160)).save(file, "PNG")
@@ -183,7 +180,7 @@ BAD_PICTURES = {
     "no rows": (image(GREY, "mono8", 1.0, height=0), "0 rows"),
     "enormous": (image(GREY, "mono8", 1.0, height=2**31, width=2**31, step=2**31), "do not fit"),
     "a cut JPEG": (compressed(b"\xff\xd8\xff\xe0" + bytes(40), "jpeg", 1.0), "unreadable picture"),
-    "a cut PNG": (compressed(_cut(_png()), "png", 1.0), "unreadable picture"),
+    "a cut PNG": (compressed(torn(_png()), "png", 1.0), "unreadable picture"),
     "a PNG of 16 bits": (compressed(_png("I;16"), "png", 1.0), "expected a picture of 8 bits"),
     "nothing": (compressed(b"", "png", 1.0), "unreadable picture"),
     "a depth image": (compressed(bytes(12) + _png(), "16UC1; compressedDepth", 1.0), "unreadable"),

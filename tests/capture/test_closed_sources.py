@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -14,11 +13,7 @@ import pytest
 import rgbd_frames
 import velodyne_packets
 from manip3d import capture
-
-
-def descriptors() -> int:
-    """Files, sockets and pipes of this process, among them the one to a bag's reader."""
-    return len(os.listdir("/proc/self/fd"))
+from open_files import descriptors
 
 
 def pcap(folder: Path) -> str:

@@ -10,10 +10,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner, Result
 
+import command_line
 import manip3d
-from manip3d.cli import app
 from manip3d.cli.alert_set import _begin
 from manip3d.experiments import _alert_set
 from manip3d.simulate import streets
@@ -21,8 +20,7 @@ from manip3d.simulate import streets
 pytest.importorskip("open3d", reason="the extra 'open3d' is not installed")
 
 
-def run(*arguments: object) -> Result:
-    return CliRunner().invoke(app, ["forge", "alert-set", *(str(a) for a in arguments)])
+run = functools.partial(command_line.run, "forge", "alert-set")
 
 
 def test_the_published_set_has_8735_attacks_of_1765_frames() -> None:

@@ -24,13 +24,6 @@ def manip3d(*arguments: object) -> subprocess.CompletedProcess[str]:
     return command_line.manip3d(*map(str, arguments), COLUMNS="200")
 
 
-@pytest.fixture
-def walk(tmp_path: Path) -> Path:
-    folder = tmp_path / "walk"
-    capture.record(rgbd_frames.frames(9), folder, lossless_color=True)
-    return folder
-
-
 def test_list_names_the_absent_with_reason_and_cure() -> None:
     done = manip3d("capture", "list", "--json")
     assert done.returncode == 0, done.stderr

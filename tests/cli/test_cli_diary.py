@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 import io
 import json
 import sqlite3
@@ -10,7 +11,8 @@ from datetime import datetime
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner, Result
+
+import command_line
 
 pytest.importorskip("sqlalchemy", reason="the extra 'diary' is not installed")
 pytest.importorskip("cryptography", reason="the extra 'diary' is not installed")
@@ -20,14 +22,11 @@ pytest.importorskip("PIL.Image", reason="the extra 'diary' is not installed")
 
 from PIL import Image
 
-from manip3d.cli import app
 from manip3d.diary import Diary, DiaryGame
 
 RANKS = ",".join(["1"] * 20)
 
-
-def run(*words: str, entered: str = "") -> Result:
-    return CliRunner().invoke(app, ["diary", *words], input=entered)
+run = functools.partial(command_line.run, "diary")
 
 
 def ran(*words: str) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import json
 from collections.abc import Iterator, Mapping
 from contextlib import nullcontext
@@ -10,14 +11,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner, Result
 
+import command_line
 import lattice_scans as scans
 import manip3d
 import turn_scans
 from manip3d import InputError, authenticate, report
 from manip3d.capture._past_errors import past_errors
-from manip3d.cli import app
 from manip3d.cli.inspect import _code_of_rows
 from manip3d.report._drive_evidence import scanner_poses
 from real_data import RealData
@@ -27,8 +27,7 @@ LATTICE = scans.lattice()
 SCANS = Path("velodyne_points") / "data"
 
 
-def run(*arguments: object) -> Result:
-    return CliRunner().invoke(app, ["inspect", *(str(a) for a in arguments)])
+run = functools.partial(command_line.run, "inspect")
 
 
 def street(seed: int) -> manip3d.LidarFrame:
@@ -234,7 +233,7 @@ def test_packets_without_a_scan_are_told_by_all_commands(tmp_path: Path, verb: s
     recording = tmp_path / "a.pcap"
     recording.write_bytes(pcap([ethernet(udp_frame(b"noise"))] * 3))
     output = ("-o", str(tmp_path / "drive")) if verb == "convert" else ()
-    done = CliRunner().invoke(app, [verb, str(recording), *output])
+    done = command_line.run(verb, recording, *output)
     assert done.exit_code == 1
     assert "found none; counted: bad length 3" in str(done.exception)
     assert not (tmp_path / "drive").exists()
@@ -331,10 +330,8 @@ def test_the_watermarks_of_a_drive_are_allowed_for(
 def test_a_lattice_is_made_and_measured(drive: Path, tmp_path: Path) -> None:
     scans = sorted((drive / SCANS).glob("*.bin"))
     out = tmp_path / "mine.json"
-    made = CliRunner().invoke(
-        app, ["lattice", *map(str, [scans[0], scans[0], scans[2], scans[2]]), "-o", str(out),
-              "--planted", "1", "--json", "-q"],
-    )  # fmt: skip
+    twice = [scans[0], scans[0], scans[2], scans[2]]
+    made = command_line.run("lattice", *twice, "-o", out, "--planted", "1", "--json", "-q")
     assert made.exit_code == 0, made.output
     told = json.loads(made.stdout)
     assert (told["lasers"], told["steps"], told["range_step"]) == (64, 4000, 0.002)
@@ -347,7 +344,7 @@ def test_a_lattice_is_made_and_measured(drive: Path, tmp_path: Path) -> None:
     assert same.power["added"].planted == 2
     with pytest.raises(InputError, match="most: expected at least 4, got 3"):
         authenticate.calibrate_lattice([drive, drive], most=3)
-    few = CliRunner().invoke(app, ["lattice", str(drive), "-o", str(tmp_path / "few.json")])
+    few = command_line.run("lattice", drive, "-o", tmp_path / "few.json")
     assert "expected at least 4 scans, got 3" in str(few.exception)
 
 

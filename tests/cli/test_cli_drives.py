@@ -11,9 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
-from manip3d.cli import app
+import command_line
 from manip3d.errors import Error
 from watermark_scans import grid_scan, key_file
 
@@ -26,7 +25,7 @@ class Done(NamedTuple):
 
 def run(*arguments: str) -> Done:
     """The command in this process; a typed error is a line and exit code 1, as in a shell."""
-    done = CliRunner().invoke(app, arguments)
+    done = command_line.run(*arguments)
     if done.exception is None or isinstance(done.exception, SystemExit):
         return Done(done.exit_code, done.stdout, done.stderr)
     if not isinstance(done.exception, Error | OSError):

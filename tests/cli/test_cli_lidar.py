@@ -17,13 +17,12 @@ from typing import Any, cast
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from typer.testing import CliRunner, Result
 
 import manip3d
 import manip3d.report
 from cave_scans import AHEAD, ball
+from command_line import run
 from manip3d import authenticate, datasets, report
-from manip3d.cli import app
 from manip3d.cli.forge import ATTACKS, Order
 from manip3d.cli.inspect import _append, _code_of_rows
 from manip3d.cli.many import _gravest
@@ -31,10 +30,6 @@ from manip3d.cli.terminal import Terminal
 from manip3d.lidar import map_shift
 
 Points = NDArray[np.float32]
-
-
-def run(*arguments: object) -> Result:
-    return CliRunner().invoke(app, [str(a) for a in arguments])
 
 
 @pytest.fixture

@@ -10,10 +10,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner, Result
 
+from command_line import run
 from manip3d import InputError, RgbdFrame, capture
-from manip3d.cli import app
 from manip3d.modify import PhantomFrame, PhantomPipeline, PhantomReason
 from manip3d.viewer import people
 from manip3d.viewer.phantom import render_phantom
@@ -22,10 +21,6 @@ pytest.importorskip("open3d")
 Image = pytest.importorskip("PIL.Image")
 
 SOURCE = "sim:body?amputated=left-arm&motion=wave&frames=3&side=both"
-
-
-def run(*arguments: object) -> Result:
-    return CliRunner().invoke(app, [str(argument) for argument in arguments])
 
 
 def test_a_folder_of_pictures(tmp_path: Path) -> None:

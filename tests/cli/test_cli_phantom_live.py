@@ -18,15 +18,11 @@ import pytest
 
 import rgbd_frames
 from manip3d import __version__, capture
-from manip3d.viewer.page import BUNDLE
 
 pytest.importorskip("aiohttp", reason="the extra 'live' is not installed")
 
 
-@pytest.fixture(autouse=True)
-def _bundle() -> None:
-    if not (BUNDLE.parent / "live.js").exists():
-        pytest.skip("the page is not built: make setup")
+pytestmark = pytest.mark.usefixtures("live_page")
 
 
 @pytest.fixture

@@ -22,13 +22,6 @@ from manip3d.cli.terminal import Terminal
 from manip3d.cli.triggers import trigger_of
 
 
-@pytest.fixture
-def walk(tmp_path: Path) -> Path:
-    folder = tmp_path / "walk"
-    capture.record(rgbd_frames.frames(9), folder, lossless_color=True)
-    return folder
-
-
 def test_a_signal_is_a_trigger_while_it_is_waited_for() -> None:
     frame = next(rgbd_frames.frames(1))
     before = signal.getsignal(signal.SIGUSR2)

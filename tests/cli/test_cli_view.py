@@ -10,15 +10,8 @@ import pytest
 
 from command_line import error_line, manip3d
 from manip3d import Intrinsics, LidarFrame, Mesh, RgbdCalibration, RgbdFrame, Skeleton, capture
-from manip3d.viewer.page import BUNDLE
 
 CAMERA = Intrinsics(32, 24, 30.0, 30.0, 15.5, 11.5)
-
-
-@pytest.fixture
-def bundle() -> None:
-    if not BUNDLE.exists():
-        pytest.skip("the viewer is not built: make setup")
 
 
 @pytest.fixture

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import errno
+import functools
 import json
 import lzma
 import os
@@ -15,11 +16,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner, Result
 
+import command_line
 import manip3d
 from manip3d.authenticate import KeyFile, Watermarked, Watermarker, _watermark_drives, embed_files
-from manip3d.cli import app, main
+from manip3d.cli import main
 from manip3d.cli.terminal import Terminal
 from manip3d.errors import FormatError, InputError
 from manip3d.io._scan_tables import grid_of
@@ -27,8 +28,7 @@ from manip3d.io._scan_tables import grid_of
 RANDOM = np.random.default_rng(0)
 
 
-def run(*arguments: object) -> Result:
-    return CliRunner().invoke(app, ["watermark", *(str(a) for a in arguments)])
+run = functools.partial(command_line.run, "watermark")
 
 
 def scan(seed: int) -> manip3d.LidarFrame:
@@ -585,9 +585,7 @@ def test_folders_without_a_scan_to_sign_are_refused_with_what_can_be_signed(
         table.write(frame_of(drive, number).with_suffix(".npy"))
         frame_of(drive, number).unlink()
     for verb in (("embed", "-o", drive.with_name("out")), ("verify",)):
-        done = CliRunner().invoke(
-            app, ["watermark", *map(str, verb), str(drive), "--key", str(key)]
-        )
+        done = run(*verb, drive, "--key", key)
         told = str(done.exception)
         assert "expected scans, found none; text files and arrays such as 0000000000.npy" in told
         assert "writes them as .bin, .pcd or .ply, which can be signed" in told
@@ -674,7 +672,7 @@ def test_a_drive_of_a_key_that_was_replaced(drive: Path, tmp_path: Path) -> None
         assert code == 4
         assert "had been replaced" in str(told["reason"])
     for key, code in ((ring, 0), (new, 4)):
-        watched = CliRunner().invoke(app, ["alert", "run", str(before), "--key", str(key)])
+        watched = command_line.run("alert", "run", before, "--key", key)
         assert watched.exit_code == code, watched.output
 
 

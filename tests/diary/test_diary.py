@@ -64,14 +64,6 @@ def fill(diary: Diary, name: str = "P01") -> int:
     return session
 
 
-@pytest.fixture(params=["plain", "encrypted"])
-def key(request: pytest.FixtureRequest, tmp_path: Path) -> Path | None:
-    if request.param == "plain":
-        return None
-    make_key(tmp_path / "study.key")
-    return tmp_path / "study.key"
-
-
 @pytest.fixture
 def diary(tmp_path: Path, key: Path | None) -> Iterator[Diary]:
     with Diary(tmp_path / "study.diary", key=key, create=True) as found:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import json
 import random
 from dataclasses import replace
@@ -10,8 +11,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from typer.testing import CliRunner, Result
 
+import command_line
 from manip3d import FormatError, InputError
 from manip3d.phantom._touch import STATEMENTS
 
@@ -19,7 +20,6 @@ pytest.importorskip("sqlalchemy", reason="the extra 'diary' is not installed")
 pytest.importorskip("cryptography", reason="the extra 'diary' is not installed")
 pytest.importorskip("scipy", reason="the extra 'diary' is not installed")
 
-from manip3d.cli import app
 from manip3d.diary import (
     MCGILL,
     OWNERSHIP,
@@ -30,7 +30,6 @@ from manip3d.diary import (
     export_csv,
     fhir_bundle,
     load_questionnaire,
-    make_key,
     score_mcgill,
     write_page,
     write_questionnaire,
@@ -170,14 +169,6 @@ def test_text_that_is_none(tmp_path: Path, text: str, message: str) -> None:
         load_questionnaire(tmp_path / "a.json")
 
 
-@pytest.fixture(params=["plain", "encrypted"])
-def key(request: pytest.FixtureRequest, tmp_path: Path) -> Path | None:
-    if request.param == "plain":
-        return None
-    make_key(tmp_path / "a.key")
-    return tmp_path / "a.key"
-
-
 def test_answers_are_kept_with_their_questions_and_exported(
     tmp_path: Path, key: Path | None
 ) -> None:
@@ -233,7 +224,7 @@ def test_the_questions_of_the_touch_cue_are_shown_where_they_were_asked_by_hand(
     page = (tmp_path / "P01.html").read_text()
     assert page.count(f"<h2>{OWNERSHIP.name}</h2>") == 1
     assert "<td>2026-03-02 09:00</td><td>2</td><td>-1</td>" in page
-    shown = CliRunner().invoke(app, ["diary", "show", str(tmp_path / "d"), "P01"]).stdout
+    shown = command_line.run("diary", "show", tmp_path / "d", "P01").stdout
     assert [line.split(", ")[1] for line in shown.splitlines() if OWNERSHIP.name in line] == [
         "other", "synchronous touch",
     ]  # fmt: skip
@@ -316,8 +307,7 @@ def test_a_questionnaire_that_was_damaged_is_said_to_be(tmp_path: Path) -> None:
 # --- the command line -----------------------------------------------------------------------------
 
 
-def run(*words: str, entered: str = "") -> Result:
-    return CliRunner().invoke(app, ["diary", *words], input=entered)
+run = functools.partial(command_line.run, "diary")
 
 
 def test_a_therapist_asks_in_the_terminal(tmp_path: Path) -> None:

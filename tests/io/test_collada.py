@@ -9,6 +9,7 @@ import pytest
 
 import manip3d
 from manip3d import FormatError, Mesh, Texture, io
+from zoo import volume
 
 CUBE = [(x, y, z) for z in (0, 1) for y in (0, 1) for x in (0, 1)]
 QUADS = [(0, 2, 3, 1), (4, 5, 7, 6), (0, 1, 5, 4), (2, 6, 7, 3), (0, 4, 6, 2), (1, 3, 7, 5)]
@@ -73,11 +74,6 @@ def error(data: bytes) -> str:
     with pytest.raises(FormatError) as caught:
         read(data)
     return str(caught.value)
-
-
-def volume(mesh: Mesh) -> float:
-    a, b, c = (mesh.vertices[mesh.faces[:, i]] for i in range(3))
-    return float((a * np.cross(b, c)).sum() / 6.0)
 
 
 def test_a_file_is_read_also_by_its_content(tmp_path: Path) -> None:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 import manip3d
 from gltf_files import PNG
 from manip3d import InputError, Material, Mesh, Texture
+from zoo import arrays_of
 
 
 def picture() -> bytes:
@@ -58,11 +59,6 @@ def overwrite(arrays: Iterable[NDArray[Any] | None]) -> None:
     for array in arrays:
         if array is not None:
             array[:] = 0
-
-
-def arrays_of(mesh: Mesh) -> dict[str, NDArray[Any]]:
-    values = {name: getattr(mesh, name) for name in Mesh.__slots__}
-    return {name: value for name, value in values.items() if isinstance(value, np.ndarray)}
 
 
 def assert_not_changed_by(change: Callable[[], object], mesh: Mesh) -> None:

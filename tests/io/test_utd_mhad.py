@@ -8,11 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from PIL import Image
-from typer.testing import CliRunner, Result
 
 import manip3d
+from command_line import run
 from manip3d import capture
-from manip3d.cli import app
 from manip3d.datasets import open_people
 from real_data import RealData
 from trial_files import FRAMES, write_trial
@@ -31,10 +30,6 @@ def write_pictures(folder: Path) -> Path:
         lines += [f"{frame},{joint},joint,{joint / 100},0,2" for joint in range(20)]
     (folder / "joints.csv").write_text("\n".join(lines))
     return folder
-
-
-def run(*arguments: object) -> Result:
-    return CliRunner().invoke(app, [str(argument) for argument in arguments])
 
 
 def test_files_and_folders_of_one_trial_are_recordings(tmp_path: Path) -> None:

@@ -7,7 +7,7 @@ import base64
 import io
 import os
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -22,8 +22,7 @@ from manip3d.phantom._recorder import Recorder
 from manip3d.rgbd import RgbdFrame
 from manip3d.serve import Certificate, LocalServer, StreamClient, read_message
 from manip3d.viewer import _chromium
-
-SECONDS = 30.0
+from waiting import wait_for
 
 
 class Stage:
@@ -69,13 +68,6 @@ class Stage:
 
     def acknowledged(self) -> int:
         return int(self.server.report()[-1]["acknowledged"])
-
-
-def wait_for(condition: Callable[[], Any]) -> None:
-    end = time.monotonic() + SECONDS
-    while not condition():
-        assert time.monotonic() < end
-        time.sleep(0.002)
 
 
 def press(tab: _chromium.Tab, key: str) -> None:

@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from begun_games import PLAYER, no_touch, started
 from numpy.typing import NDArray
 
-import capsule_body
 from manip3d import InputError
 from manip3d.modify import ColliderTracker
 from manip3d.phantom._ends import ends_of
@@ -23,14 +23,6 @@ from manip3d.phantom.games import (
     step,
 )
 from manip3d.rgbd import JOINTS, Skeleton
-
-PLAYER = capsule_body.painted(0).skeletons[0]
-
-
-def nothing(
-    start: NDArray[np.float32], end: NDArray[np.float32], radius: NDArray[np.float32]
-) -> NDArray[np.int8]:
-    return np.full(len(start), -1, np.int8)
 
 
 def hand(place: tuple[float, float, float], bone: int) -> Touch:
@@ -50,13 +42,7 @@ def hand(place: tuple[float, float, float], bone: int) -> Touch:
     return touch
 
 
-def started(name: str = "bubbles", **options: int) -> GameState:
-    state = begin(name, PLAYER, **options)
-    assert state is not None
-    return state
-
-
-def played(state: GameState, seconds: float, touch: Touch = nothing, rate: int = 32) -> GameState:
+def played(state: GameState, seconds: float, touch: Touch = no_touch, rate: int = 32) -> GameState:
     for _ in range(round(seconds * rate)):
         state = step(state, 1 / rate, touch)
     return state
@@ -88,7 +74,7 @@ def test_generators_are_symmetric_pairs(name: str, difficulty: int) -> None:
 
 
 def test_bubbles_come_in_pairs_at_the_intervals_and_rise_in_straight_lines() -> None:
-    state = step(started(), 0.0, nothing)
+    state = step(started(), 0.0, no_touch)
     assert [(t.number, t.side) for t in state.targets] == [(0, "left"), (1, "right")]
     assert [t.place for t in state.targets] == [state.field.lefts[0], state.field.rights[0]]
     later = played(state, 2.0)
@@ -102,7 +88,7 @@ def test_bubbles_come_in_pairs_at_the_intervals_and_rise_in_straight_lines() -> 
 
 
 def test_a_missed_bubble_stains_the_ceiling_and_counts() -> None:
-    state = step(started(), 0.0, nothing)
+    state = step(started(), 0.0, no_touch)
     field = state.field
     assert isinstance(field, ArmField)
     seconds = field.rise / 0.25
@@ -116,7 +102,7 @@ def test_a_missed_bubble_stains_the_ceiling_and_counts() -> None:
 
 
 def test_a_hand_in_the_way_bursts_once_and_says_which_bone() -> None:
-    state = step(started(), 0.0, nothing)
+    state = step(started(), 0.0, no_touch)
     x, y, z = state.field.rights[0]
     touch = hand((x + 0.05, y - 0.3, z), 11)
     moments = []
@@ -133,7 +119,7 @@ def test_a_hand_in_the_way_bursts_once_and_says_which_bone() -> None:
 
 
 def test_fast_bubbles_are_not_missed_between_frames() -> None:
-    state = step(started(difficulty=3), 0.0, nothing)
+    state = step(started(difficulty=3), 0.0, no_touch)
     place = state.targets[0].place
     touch = hand((place[0], place[1] - 0.3, place[2]), 7)
     assert step(state, 1.0, touch).score == 1  # 0.6 m in one step
@@ -156,7 +142,7 @@ def test_a_clock_that_stands_still_punishes_nobody() -> None:
     state = played(started(), 3.0)
     paused = played(state, 0.0)
     for _ in range(1000):
-        paused = step(paused, 0.0, nothing)
+        paused = step(paused, 0.0, no_touch)
     assert replace(paused, events=()) == replace(state, events=())
 
 
@@ -165,7 +151,7 @@ def test_the_same_seed_is_the_same_game_and_another_is_not(name: str) -> None:
     def places(seed: int, rate: int = 32) -> list[tuple[int, float]]:
         state, seen = started(name, difficulty=3, seed=seed), {}
         for _ in range(9 * rate):
-            state = step(state, 1 / rate, nothing)
+            state = step(state, 1 / rate, no_touch)
             seen |= {t.number: t.place[0] for t in state.targets}
         return sorted(seen.items())
 
@@ -176,14 +162,14 @@ def test_the_same_seed_is_the_same_game_and_another_is_not(name: str) -> None:
 
 def test_a_bubble_is_in_reach_only_near_the_shoulder() -> None:
     assert not can_reach(started())  # there is none yet
-    state = step(started(), 0.0, nothing)
+    state = step(started(), 0.0, no_touch)
     assert can_reach(state)
     assert isinstance(state.field, ArmField)
     # Half as long an arm reaches it only while it passes the shoulder.
     state = replace(state, field=replace(state.field, reach=0.75 * state.field.reach / 1.2))
     moments = []
     while state.spawned == 1:
-        state = step(state, 1 / 32, nothing)
+        state = step(state, 1 / 32, no_touch)
         moments.append(can_reach(state))
     assert not moments[0]
     assert any(moments)
@@ -217,7 +203,7 @@ def test_bad_choices(name: str, options: dict[str, int], message: str) -> None:
 @pytest.mark.parametrize("seconds", [-1.0, float("nan"), float("inf")])
 def test_bad_times(seconds: float) -> None:
     with pytest.raises(InputError, match="seconds: expected >= 0"):
-        step(started(), seconds, nothing)
+        step(started(), seconds, no_touch)
 
 
 @pytest.mark.parametrize(("game", "touching"), [("bubbles", (6, 10)), ("bubbles-legs", (14, 18))])

@@ -10,9 +10,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
+from begun_games import PLAYER, no_touch, started
 
-import capsule_body
 from manip3d import InputError, Skeleton, datasets
 from manip3d.modify import JointSmoother, PhantomState
 from manip3d.phantom import LiveSession
@@ -32,21 +31,8 @@ from manip3d.phantom.games import (
 from manip3d.rgbd import INFERRED, JOINTS, NOT_TRACKED, TRACKED
 from real_data import RealData
 
-PLAYER = capsule_body.painted(0).skeletons[0]
 RATE = 32
 STEADY = [(0.0, 0.0)] * (5 * RATE)  # the noise of the feet is measured
-
-
-def no_touch(
-    start: NDArray[np.float32], end: NDArray[np.float32], radius: NDArray[np.float32]
-) -> NDArray[np.int8]:
-    return np.full(len(start), -1, np.int8)
-
-
-def started(name: str, **options: int) -> GameState:
-    state = begin(name, PLAYER, **options)
-    assert state is not None
-    return state
 
 
 def player(

@@ -22,7 +22,6 @@ from live_stage import (
     screenshot,
     text_of,
     type_key,
-    wait_for,
 )
 
 import capsule_body
@@ -30,6 +29,7 @@ from manip3d.phantom import _touch, simulated_patient
 from manip3d.phantom._page import INTENDED_USE
 from manip3d.phantom.games import GAMES
 from manip3d.viewer import _chromium
+from waiting import wait_for
 
 TITLES = {game.name: game.title for game in GAMES.values()}
 # Whether the page can be left without a question of the browser.

@@ -24,17 +24,12 @@ import rgbd_frames
 from manip3d import DeviceError, FormatError, InputError, capture
 from manip3d.phantom import LiveReport, _live, run_live
 from manip3d.rgbd import RgbdFrame
-from manip3d.viewer.page import BUNDLE
 
 pytest.importorskip("aiohttp", reason="the extra 'live' is not installed")
 
 from live_player import Player
 
-
-@pytest.fixture(autouse=True)
-def _bundle() -> None:
-    if not (BUNDLE.parent / "live.js").exists():
-        pytest.skip("the page is not built: make setup")
+pytestmark = pytest.mark.usefixtures("live_page")
 
 
 def played(opened: threading.Event) -> tuple[LiveReport, Player]:

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from live_stage import Stage, keep_picture, press, screenshot, text_of, wait_for
+from live_stage import Stage, keep_picture, press, screenshot, text_of
 from numpy.typing import NDArray
 
 import capsule_body
@@ -17,6 +17,7 @@ from manip3d.phantom import simulated_patient
 from manip3d.serve import make_certificate
 from manip3d.viewer import _chromium
 from manip3d.viewer.page import BUNDLE
+from waiting import wait_for
 
 EMULATOR = BUNDLE.parents[1] / "node_modules" / "iwer" / "build" / "iwer.min.js"
 PHANTOM_HAND = {10, 11, 23, 24}

@@ -25,6 +25,7 @@ from manip3d.phantom._anomalies import Anomaly
 from manip3d.phantom._interrupts import Interrupts
 from manip3d.phantom._log import SessionLog
 from manip3d.phantom._writer import OrderedWriter
+from waiting import wait_for
 
 pytest.importorskip("sqlalchemy", reason="the extra 'diary' is not installed")
 
@@ -39,13 +40,6 @@ def summary(score: int = 7, ending: str = "time") -> GameSummary:
     return GameSummary(
         "bubbles", 1, 3, ending, 60.0, 1.5, score, 2, 3, anomalies=(Anomaly(1.0, 12.0),)
     )
-
-
-def wait_for(condition: Callable[[], bool]) -> None:
-    end = time.monotonic() + 30.0
-    while not condition():
-        assert time.monotonic() < end
-        time.sleep(0.01)
 
 
 @contextlib.contextmanager

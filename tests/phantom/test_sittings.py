@@ -8,7 +8,7 @@ import os
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 from datetime import datetime, timedelta
 from pathlib import Path
@@ -24,6 +24,7 @@ from manip3d.phantom import _diary as _recorder
 from manip3d.phantom._felt import FeltLimb
 from manip3d.phantom._touch import SECONDS
 from manip3d.rgbd import RgbdFrame
+from waiting import wait_for
 
 pytest.importorskip("sqlalchemy", reason="the extra 'diary' is not installed")
 
@@ -38,13 +39,6 @@ ANSWERS = {f"q{number}": 1 for number in range(1, 7)}
 @functools.cache
 def painted(number: int) -> RgbdFrame:
     return capsule_body.painted(number)
-
-
-def wait_for(condition: Callable[[], bool]) -> None:
-    end = time.monotonic() + 30.0
-    while not condition():
-        assert time.monotonic() < end
-        time.sleep(0.01)
 
 
 class Sitting:

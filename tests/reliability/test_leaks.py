@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 import kernels
 from manip3d import DeviceError, Error, InputError, LidarFrame, authenticate, capture, simplify
+from open_files import descriptors
 from watermark_scans import grid_scan, key_file
 
 sys.path.append(str(Path(__file__).parents[1] / "fuzz"))
@@ -150,10 +151,6 @@ def test_a_monitor_keeps_nothing_of_its_frames(tmp_path: Path, growth: Growth) -
 
         assert growth(judge) < MAX_PER_CALL
         assert monitor.counts.skipped == {"forensics": monitor.counts.frames}
-
-
-def descriptors() -> int:
-    return len(os.listdir("/proc/self/fd"))
 
 
 def test_a_bad_address_leaks_no_descriptor() -> None:

@@ -14,7 +14,7 @@ import socket
 import ssl
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -24,6 +24,7 @@ from raw_client import RawStream, connect, cookie, get, read_all
 from landmarks import assert_accessible
 from manip3d import FormatError, InputError
 from manip3d.errors import DeviceError
+from waiting import wait_for
 
 pytest.importorskip("aiohttp", reason="the extra 'live' is not installed")
 from aiohttp import web
@@ -71,13 +72,6 @@ def server(encryption: Certificate | None) -> Iterator[LocalServer]:
         assert running.origin.startswith(f"{scheme}://127.0.0.1:")
         yield running
     gc.collect()  # a socket that was left open is said to be, in the test that left it
-
-
-def wait_for(condition: Callable[[], bool]) -> None:
-    end = time.monotonic() + 60.0  # a busy machine greets eighty connections slowly
-    while not condition():
-        assert time.monotonic() < end
-        time.sleep(0.005)
 
 
 def ack(sequence: int) -> bytes:

@@ -12,7 +12,7 @@ import exact_models
 from manip3d import InputError, Mesh, metrics, read_mesh, simplify, simulate
 from manip3d.simplify import StopReason
 from real_data import RealData
-from zoo import grid, sphere
+from zoo import grid, sphere, volume
 
 
 def closed(mesh: Mesh) -> bool:
@@ -20,11 +20,6 @@ def closed(mesh: Mesh) -> bool:
     edges = np.concatenate([mesh.faces[:, [i, (i + 1) % 3]] for i in range(3)])
     known = {(int(a), int(b)) for a, b in edges}
     return len(known) == len(edges) and all((b, a) in known for a, b in known)
-
-
-def volume(mesh: Mesh) -> float:
-    p, q, r = (mesh.vertices[mesh.faces[:, i]] for i in range(3))
-    return float(np.einsum("ij,ij->i", p, np.cross(q, r)).sum() / 6)
 
 
 def assert_same(a: simplify.QualityResult, b: simplify.QualityResult) -> None:

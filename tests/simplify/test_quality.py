@@ -15,6 +15,7 @@ import metrics_oracles
 from manip3d import InputError, Material, Mesh, Texture, io, metrics, read_mesh, simplify, simulate
 from manip3d.simplify import StopReason
 from real_data import RealData
+from zoo import volume
 
 
 def grid(n: int) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
@@ -47,11 +48,6 @@ def tetrahedron(at: tuple[float, float, float], size: float) -> Mesh:
 def area(mesh: Mesh) -> float:
     p, q, r = (mesh.vertices[mesh.faces[:, i]] for i in range(3))
     return float(np.linalg.norm(np.cross(q - p, r - p), axis=1).sum() / 2)
-
-
-def volume(mesh: Mesh) -> float:
-    p, q, r = (mesh.vertices[mesh.faces[:, i]] for i in range(3))
-    return float(np.einsum("ij,ij->i", p, np.cross(q, r)).sum() / 6)
 
 
 @pytest.mark.parametrize("share", [0.1, 0.05, 0.02])

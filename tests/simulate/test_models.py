@@ -12,17 +12,13 @@ import pytest
 from manip3d import InputError, Mesh
 from manip3d.simulate import models
 from manip3d.simulate._surfaces import box, join, png, surface_of
+from zoo import volume
 
 
 @cache
 def small(name: str) -> Mesh:
     """A model of about 6 000 faces."""
     return models.MODELS[name](6_000)
-
-
-def volume(mesh: Mesh) -> float:
-    a, b, c = (mesh.vertices[mesh.faces[:, corner]] for corner in range(3))
-    return float((a * np.cross(b, c)).sum() / 6.0)
 
 
 def euler(mesh: Mesh) -> int:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -13,17 +12,7 @@ from manip3d.serve import LocalServer
 from manip3d.study import Study, StudyFolder
 from manip3d.study._engine import study_server
 from manip3d.viewer import _chromium
-
-SECONDS = 30.0
-
-
-def wait_for(condition: Callable[[], Any], what: str = "") -> Any:
-    """Wait until a condition holds; return its value."""
-    end = time.monotonic() + SECONDS
-    while not (found := condition()):
-        assert time.monotonic() < end, what
-        time.sleep(0.01)
-    return found
+from waiting import wait_for
 
 
 @contextmanager

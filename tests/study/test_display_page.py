@@ -10,7 +10,7 @@ import pytest
 
 pytest.importorskip("aiohttp", reason="the extra 'live' is not installed")
 
-from browser import Participant, plain_answer, served, wait_for
+from browser import Participant, plain_answer, served
 
 from manip3d.study import (
     Answer,
@@ -23,6 +23,7 @@ from manip3d.study import (
     write_template,
 )
 from manip3d.viewer import _chromium
+from waiting import wait_for
 
 
 @pytest.fixture

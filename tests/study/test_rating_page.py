@@ -10,12 +10,13 @@ import pytest
 
 pytest.importorskip("aiohttp", reason="the extra 'live' is not installed")
 
-from browser import Participant, plain_answer, served, wait_for
+from browser import Participant, plain_answer, served
 from test_rating import folder_of, template
 
 from manip3d import FormatError
 from manip3d.study import Field, StudyFolder, read_study, study_of, write_results
 from manip3d.viewer import _chromium
+from waiting import wait_for
 
 
 def test_from_consent_to_csv(chromium: None, tmp_path: Path) -> None:

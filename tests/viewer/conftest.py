@@ -1,18 +1,21 @@
-"""Fixtures of the viewer's tests, which are skipped if the viewer is not built."""
+"""Fixtures of the viewer's tests."""
 
 from __future__ import annotations
 
 import pytest
 from square import square
 
-from manip3d import Mesh
-from manip3d.viewer.page import BUNDLE
+from manip3d import Mesh, RenderError
+from manip3d.viewer import renderer
 
 
-@pytest.fixture
-def bundle() -> None:
-    if not BUNDLE.exists():
-        pytest.skip("the viewer is not built: make setup")
+@pytest.fixture(scope="session")
+def needs_renderer() -> None:
+    """Skip where nothing can be drawn; to find that out takes seconds."""
+    try:
+        renderer()
+    except RenderError as error:
+        pytest.skip(str(error))
 
 
 @pytest.fixture

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from manip3d import Mesh, RenderError
-from manip3d.viewer import notebook, page, picture, renderer
+from manip3d.viewer import notebook, page, picture
 
 
 def test_text_is_always_there() -> None:
@@ -25,11 +25,8 @@ def test_the_viewer_is_a_frame(bundle: None, quad: Mesh, monkeypatch: pytest.Mon
     assert shown["text/plain"] == repr(quad)
 
 
+@pytest.mark.usefixtures("needs_renderer")
 def test_a_picture_where_one_can_be_drawn(quad: Mesh) -> None:
-    try:
-        renderer()
-    except RenderError as error:
-        pytest.skip(str(error))
     shown = quad._repr_mimebundle_()
     assert bytes(shown["image/png"])[:8] == b"\x89PNG\r\n\x1a\n"  # type: ignore[arg-type]
 

@@ -33,15 +33,6 @@ WHITE = (255, 255, 255)
 draws = pytest.mark.usefixtures("needs_renderer")
 
 
-@pytest.fixture(scope="module")
-def needs_renderer() -> None:
-    """Skip where nothing can be drawn; to find that out takes seconds."""
-    try:
-        renderer()
-    except RenderError as error:
-        pytest.skip(str(error))
-
-
 def png(pixels: object) -> bytes:
     stream = io.BytesIO()
     Image.fromarray(np.asarray(pixels, dtype=np.uint8)).save(stream, format="PNG")

@@ -35,7 +35,6 @@ from manip3d.viewer import (
     html,
     picture,
     points_picture,
-    renderer,
     rgbd_points,
     scan_points,
     skeleton_lines,
@@ -64,13 +63,6 @@ def scan(**changes: object) -> LidarFrame:
 
 def names(cloud: DrawnPoints) -> list[str]:
     return [column.name for column in cloud.columns]
-
-
-def need_renderer() -> None:
-    try:
-        renderer()
-    except RenderError as error:
-        pytest.skip(str(error))
 
 
 # ------------------------------------------------------------------------------- columns
@@ -452,8 +444,8 @@ def test_both_renderers_draw_the_same_points(
     assert both > 0.75 * either
 
 
+@pytest.mark.usefixtures("needs_renderer")
 def test_a_picture_of_points_shows_their_colors_and_boxes(tmp_path: Path) -> None:
-    need_renderer()
     grid = np.stack(np.meshgrid(np.arange(60.0), np.arange(40.0), [0.0]), -1).reshape(-1, 3)
     colors = np.zeros((len(grid), 3), np.uint8)
     colors[:, 0] = 255
@@ -471,9 +463,9 @@ def test_a_picture_of_points_shows_their_colors_and_boxes(tmp_path: Path) -> Non
     assert path.read_bytes().startswith(b"\x89PNG")
 
 
+@pytest.mark.usefixtures("needs_renderer")
 def test_coordinates_of_a_map_are_drawn_as_those_near_0() -> None:
     """Points at coordinates of a map are drawn precisely; float32 would draw a few stripes."""
-    need_renderer()
     y, x = np.mgrid[0:60, 0:60] * 0.05
     points = np.column_stack([x.ravel(), y.ravel(), 0.2 * np.sin(3 * x).ravel()])
     place = np.array([450_000.0, 5_400_000.0, 300.0])
@@ -491,8 +483,8 @@ def test_coordinates_of_a_map_are_drawn_as_those_near_0() -> None:
     assert (np.abs(near - far).max(axis=2) > 40).sum() < 0.02 * inked.sum()
 
 
+@pytest.mark.usefixtures("needs_renderer")
 def test_a_depth_image_is_drawn_as_its_camera_saw_it() -> None:
-    need_renderer()
     depth = np.full((60, 80), 2000, np.uint16)
     color = np.full((60, 80, 3), 90, np.uint8)
     color[:20, :30] = (255, 0, 0)  # the upper left corner
@@ -505,8 +497,8 @@ def test_a_depth_image_is_drawn_as_its_camera_saw_it() -> None:
     assert (image[4:-4, 4:-4, 1:] < 250).all(axis=2).mean() > 0.99  # no gaps
 
 
+@pytest.mark.usefixtures("needs_renderer")
 def test_the_legend_says_what_the_colors_mean() -> None:
-    need_renderer()
     bare = picture(scan(), size=(300, 220), legend=False)
     full = picture(scan(), size=(300, 220))
     changed = np.abs(full.astype(int) - bare).max(axis=2) > 20
