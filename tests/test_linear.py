@@ -7,7 +7,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from manip3d._util.linear import determinant, eigen, inverse, line_fit, product
+from manip3d._util.linear import determinant, eigen, inverse, line_fit, moved, product
 
 SHAPES = [
     ((3,), (3,)),
@@ -32,6 +32,12 @@ def test_product_rounds_each_term() -> None:
     for x, y in np.random.default_rng(2).uniform(0.1, 3.0, (200, 2)):
         assert product([x, -x], [y, y]) == 0.0
         assert (product(np.full((9, 2), [x, -x]), np.full((2, 9), y)) == 0.0).all()
+
+
+def test_points_are_moved_as_homogeneous_coordinates_are() -> None:
+    turn = np.array([[0.0, -1, 0, 5], [2, 0, 0, 6], [0, 0, 1, 7], [0, 0, 0, 1]])
+    assert moved([[1.0, 2, 3]], turn).tolist() == [[3.0, 8.0, 10.0]]
+    assert moved(np.empty((0, 3), np.float32), turn).shape == (0, 3)
 
 
 def test_a_line_is_fitted_as_exactly_as_doubles_allow() -> None:

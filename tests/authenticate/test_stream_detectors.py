@@ -15,7 +15,16 @@ import pytest
 from numpy.typing import NDArray
 
 from landmarks import assert_accessible
-from manip3d import InputError, Intrinsics, RgbdCalibration, RgbdFrame, authenticate, forge, report
+from manip3d import (
+    InputError,
+    Intrinsics,
+    RgbdCalibration,
+    RgbdFrame,
+    _core,
+    authenticate,
+    forge,
+    report,
+)
 from real_data import RealData
 
 CAMERA = Intrinsics(320, 240, 285.0, 285.0, 160.0, 120.0)
@@ -222,6 +231,12 @@ def test_the_narrow_view_of_an_azure_kinect_is_a_part_of_its_sensor(
         depth = np.pad(frame.depth, ((168, 168), (160, 160)), mode="wrap")
         frames.append(RgbdFrame(depth, camera, number=frame.number))
     assert authenticate.inspect_stream(frames).verdict == verdict
+
+
+@pytest.mark.parametrize("relief", [-0.1, 1.1, np.nan])
+def test_a_relief_is_a_share_of_the_depth(relief: float) -> None:
+    with pytest.raises(InputError, match="min_relief: expected 0 to 1, got"):
+        _core.silhouette_spans(np.ones((3, 4), np.uint16), 285.0, relief)
 
 
 def test_cut_out_silhouettes_are_found_and_located() -> None:
