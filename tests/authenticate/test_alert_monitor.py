@@ -390,6 +390,87 @@ def test_what_cameras_and_forensics_cannot_do_is_their_word_and_the_frame_counts
                 assert alert.witnesses[name].reason.endswith("failed: no memory for the map")
 
 
+def fail_at(monkeypatch: pytest.MonkeyPatch, calls: set[int]) -> None:
+    """Let the comparisons of these numbers fail at once, and keep the others."""
+    compare, numbers = _alert.cross_modal_consistency, iter(range(100))
+
+    def fail_or_compare(*given: Any, **options: Any) -> Any:
+        if next(numbers) in calls:
+            raise ValueError("pictures are torn")
+        return compare(*given, **options)
+
+    monkeypatch.setattr(_alert, "cross_modal_consistency", fail_or_compare)
+
+
+def test_a_quick_failure_does_not_tell_what_a_verdict_costs(
+    clock: Clock, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    fail_at(monkeypatch, {1})
+    monitor = AlertMonitor(rig=RIG, budget_s=0.1, every_s=math.inf, clock=clock)
+    for waited, expected in (
+        (0.0, "no_trace"),  # takes 80 ms
+        (0.01, "undecidable"),  # takes no time
+        (0.05, "skipped"),  # 80 ms would not be within 100 ms
+        (0.01, "no_trace"),
+    ):
+        alert = monitor.judge(
+            FRAME, left=PICTURE, right=PICTURE, speed_mps=1.0, waited_s=waited
+        )  # fmt: skip
+        assert alert.witnesses["cross-modal"].verdict == expected
+    assert monitor.counts.late == 0
+
+
+def test_one_quick_verdict_is_forgotten_after_ten_others(
+    clock: Clock, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    compare, seconds = _alert.cross_modal_consistency, iter([0.001])
+
+    def quick_at_first(*given: Any, **options: Any) -> Any:
+        before = clock.now
+        found = compare(*given, **options)
+        clock.now = before + next(seconds, 0.08)
+        return found
+
+    monkeypatch.setattr(_alert, "cross_modal_consistency", quick_at_first)
+    monitor = AlertMonitor(rig=RIG, budget_s=0.1, every_s=math.inf, clock=clock)
+    waiting = {"left": PICTURE, "right": PICTURE, "speed_mps": 1.0, "waited_s": 0.05}
+    late = [monitor.judge(FRAME, **waiting).is_late for _ in range(13)]
+    assert late == [False, *[True] * 10, False, False]  # at last the cameras are left out
+
+
+def test_pairs_take_turns_in_the_order_in_which_they_were_asked(
+    clock: Clock, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    fail_at(monkeypatch, {0})
+    rigs = {"front": RIG, "left": RIG, "rear": RIG}
+    monitor = AlertMonitor(rig=rigs, budget_s=0.1, every_s=math.inf, clock=clock)
+    pairs = dict.fromkeys(rigs, (PICTURE, PICTURE))
+    first = monitor.judge(
+        FRAME, pairs=dict.fromkeys(["front", "left"], (PICTURE, PICTURE)), speed_mps=1.0
+    )
+    assert "front: failed: pictures are torn" in first.witnesses["cross-modal"].reason
+    monitor.judge(FRAME, pairs={"rear": (PICTURE, PICTURE)}, speed_mps=1.0)
+    # Only one pair fits into 100 ms, and the one that failed was asked longest ago.
+    reason = monitor.judge(FRAME, pairs=pairs, speed_mps=1.0).witnesses["cross-modal"].reason
+    assert "(not asked: left, rear)" in reason
+
+
+@pytest.mark.parametrize("background", [False, True])
+def test_the_log_states_where_a_witness_failed(
+    background: bool, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    def mistaken(*_: Any, **__: Any) -> Any:
+        raise AttributeError("a mistake in the program")
+
+    monkeypatch.setattr(_alert, "inspect", mistaken)
+    caplog.set_level("DEBUG", "manip3d")
+    monitor = AlertMonitor(background=background)
+    monitor.judge(FRAME, speed_mps=1.0)
+    monitor.finish()
+    assert "in mistaken" in caplog.text
+    assert "AttributeError: a mistake in the program" in caplog.text
+
+
 def test_a_monitor_that_is_behind_verifies_the_watermark_alone(
     clock: Clock, tmp_path: Path
 ) -> None:

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import copy
+import logging
 import math
 import threading
 import time
+import traceback
+from collections import deque
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
@@ -53,7 +56,13 @@ _FRAME_S = 0.1  # between frames of scanners that turn ten times a second
 _STILL = (0.0, 0.0, 0.0)
 _READ = ("watermark", "cross-modal")  # witnesses that need more files than the scan
 _JUDGED = {"authentic", "no_trace", "tampered"}  # verdicts that tell something of the frame
+_RECENT = 10
+"""Number of latest calls of a witness whose quickest is its cost: one second of a scanner's frames.
+The first call also loads what it needs, so that a few are wanted; a computer that becomes slower is
+noticed after as many."""
 _OF_ACCUSED = "forensics of accused frames"  # key of the time at which such a frame was judged
+
+_log = logging.getLogger("manip3d")
 
 
 class AlertMonitor:
@@ -74,7 +83,7 @@ class AlertMonitor:
         The verifier's.
     rig : StereoRig or mapping of str to StereoRig, optional
         Cameras, or several pairs by their names; without them nothing is compared. Of several
-        pairs those that were heard longest ago come first, and beyond the budget one a frame, so
+        pairs those that were asked longest ago come first, and beyond the budget one a frame, so
         that each speaks at least once every ``every_s`` and a frame for each of the others.
     budget_s : float, seconds
         For the verdict on a frame: the time between two frames. Infinity: nothing is skipped but
@@ -92,7 +101,7 @@ class AlertMonitor:
         they are done and names the frame that they saw; `finish` waits for the last word. A frame
         that only the cameras accuse is judged next, and one of several such frames waits.
     clock : callable, optional
-        Seconds that pass, for latencies; by default `time.perf_counter`.
+        Clock of this computer in seconds, for latencies; by default `time.perf_counter`.
 
     Notes
     -----
@@ -143,7 +152,7 @@ class AlertMonitor:
         self._marker, self._policy = marker, policy
         self._rig = rig if isinstance(rig, StereoRig) else None
         self._rigs = {} if rig is None or isinstance(rig, StereoRig) else dict(rig)
-        self._turns = list(self._rigs)  # the pair that was heard longest ago first
+        self._turns = list(self._rigs)  # the pair that was asked longest ago first
         self._budget, self._every = budget_s, every_s
         self._parameters = cross_modal
         self._risk = RiskTracker(risk)
@@ -155,7 +164,7 @@ class AlertMonitor:
         self._unseen = _STILL  # motion over frames that the risk has not heard of
         self._number = 0
         self._last: dict[str, float] = {}  # time of the stream at which a witness spoke
-        self._cost: dict[str, float] = {}  # seconds
+        self._durations: dict[str, deque[float]] = {}  # of recent calls that succeeded, seconds
         self._verdicts: dict[str, int] = {}
         self._skipped: dict[str, int] = {}
         self._late = 0
@@ -234,18 +243,18 @@ class AlertMonitor:
                 known = " or ".join(_READ if self._marker is not None else _READ[1:])
                 raise InputError(f"unread: expected {known}, got {name!r}")
         with self._lock:
-            begin = self._clock() - waited_s
-            now = self._number * min(self._budget, _FRAME_S) if time_s is None else time_s
+            started_s = self._clock() - waited_s
+            stream_s = self._number * min(self._budget, _FRAME_S) if time_s is None else time_s
             watermark, sworn = self._ask_watermark(frame, record, carrier)
             cross, seen = (
-                self._ask_pairs(frame, pairs or {}, now, begin)
+                self._ask_pairs(frame, pairs or {}, stream_s, started_s)
                 if self._rigs
-                else self._ask_cameras(frame, left, right, now, begin)
+                else self._ask_cameras(frame, left, right, stream_s, started_s)
             )
             is_alone = not {sworn.verdict, seen.verdict} & _JUDGED
             is_accused = seen.verdict == "tampered" and sworn.verdict != "tampered"
             forensics, looked = self._ask_forensics(
-                frame, watermark, now, is_alone=is_alone, is_accused=is_accused
+                frame, watermark, stream_s, is_alone=is_alone, is_accused=is_accused
             )
             told = {"watermark": sworn, "cross-modal": seen, "forensics": looked}
             for name, why in (unread or {}).items():
@@ -259,7 +268,7 @@ class AlertMonitor:
                 since = _STILL
             risk = self._risk.update(None, speed_mps=speed_mps, motion=since, others=observed)
             self._unseen, self._latest = _STILL, risk
-            seconds = self._clock() - begin
+            seconds = self._clock() - started_s
             alert = Alert(
                 self._number,
                 verdict,
@@ -411,30 +420,45 @@ class AlertMonitor:
     ) -> tuple[WatermarkResult | None, WitnessReport]:
         if self._marker is None:
             return None, WitnessReport("absent", "no key")
-        begin = self._clock()
+        asked_s = self._clock()
         found = of_file(self._marker.verify(frame, record, policy=self._policy, picture=carrier))
-        return found, WitnessReport(found.verdict, found.reason, self._clock() - begin)
+        return found, WitnessReport(found.verdict, found.reason, self._clock() - asked_s)
 
     def _ask_cameras(
         self,
         frame: LidarFrame,
         left: ArrayLike | None,
         right: ArrayLike | None,
-        now: float,
-        begin: float,
+        stream_s: float,
+        started_s: float,
     ) -> tuple[CrossModalResult | None, WitnessReport]:
         if self._rig is None or left is None or right is None:
             return None, WitnessReport("absent", NO_PAIR)
-        if not (self._is_due("cross-modal", now) or self._has_time("cross-modal", begin)):
+        if not (self._is_due("cross-modal", stream_s) or self._has_time("cross-modal", started_s)):
             return None, WitnessReport("skipped", "no time left in this frame")
-        start = self._clock()
+        return self._compare(
+            "cross-modal", frame, (left, right), self._rig, self._parameters, stream_s
+        )
+
+    def _compare(
+        self,
+        witness: str,
+        frame: LidarFrame,
+        pair: tuple[ArrayLike, ArrayLike],
+        rig: StereoRig,
+        parameters: CrossModalParameters | None,
+        stream_s: float,
+    ) -> tuple[CrossModalResult | None, WitnessReport]:
+        """Compare a stereo pair with the scan; no result: this failed, as the report states."""
+        asked_s = self._clock()
         try:
             found = cross_modal_consistency(
-                frame, stereo_disparity(left, right), self._rig, parameters=self._parameters
+                frame, stereo_disparity(*pair), rig, parameters=parameters
             )
-        except Exception as error:  # the chain has moved on: the frame cannot be judged again
-            return None, self._silent("cross-modal", error, start, now)
-        return found, self._heard("cross-modal", found.verdict, found.reason, start, now)
+        # The watermark has accepted this frame, so that judging it again would fail.
+        except Exception as error:
+            return None, self._failed(witness, error, asked_s, stream_s)
+        return found, self._heard(witness, found.verdict, found.reason, asked_s, stream_s)
 
     def _check_pairs(
         self,
@@ -462,59 +486,60 @@ class AlertMonitor:
         self,
         frame: LidarFrame,
         pairs: Mapping[str, tuple[ArrayLike, ArrayLike]],
-        now: float,
-        begin: float,
+        stream_s: float,
+        started_s: float,
     ) -> tuple[SurroundResult | None, WitnessReport]:
         """Ask the pairs that there is time for, and of those that are due one beyond it."""
         if not pairs:
             return None, WitnessReport("absent", NO_PAIR)
-        start = self._clock()
-        found: dict[str, CrossModalResult] = {}
-        failed: dict[str, str] = {}
-        shared = (self._parameters or CrossModalParameters()).shared(len(self._rigs))
-        left_out = []
-        is_beyond = False
+        asked_s = self._clock()
+        parameters = (self._parameters or CrossModalParameters()).shared(len(self._rigs))
+        results: dict[str, CrossModalResult | None] = {}  # in the order asked; None: failed
+        failures: dict[str, str] = {}
+        is_within_budget = True  # the first pair that is due is asked even in a frame that waited
         for name in [each for each in self._turns if each in pairs]:
-            has_time = self._has_time(_pair_label(name), begin)
-            if not has_time and (is_beyond or not self._is_due(_pair_label(name), now)):
-                left_out.append(name)
+            witness = _pair_label(name)
+            may_exceed = is_within_budget and self._is_due(witness, stream_s)
+            if not (may_exceed or self._has_time(witness, started_s)):
+                self._skipped[witness] = self._skipped.get(witness, 0) + 1
                 continue
-            asked = self._clock()
-            try:
-                disparity = stereo_disparity(*pairs[name])
-                told = cross_modal_consistency(
-                    frame, disparity, self._rigs[name], parameters=shared
-                )
-            except Exception as error:  # the chain has moved on: the frame cannot be judged again
-                failed[name] = self._silent(_pair_label(name), error, asked, now).reason
-            else:
-                found[name] = told
-                self._heard(_pair_label(name), told.verdict, told.reason, asked, now)
-            is_beyond = self._clock() - begin > self._budget
-        heard = [*found, *failed]
-        self._turns = [each for each in self._turns if each not in heard] + heard
-        for name in left_out:
-            self._skipped[_pair_label(name)] = self._skipped.get(_pair_label(name), 0) + 1
-        why = "; ".join(f"{name}: {each}" for name, each in failed.items())
-        if not found and failed:
-            return None, WitnessReport("undecidable", why, self._clock() - start)
-        if not found:
+            results[name], report = self._compare(
+                witness, frame, pairs[name], self._rigs[name], parameters, stream_s
+            )
+            if results[name] is None:
+                failures[name] = report.reason
+            is_within_budget = self._clock() - started_s <= self._budget
+        self._turns = [each for each in self._turns if each not in results] + list(results)
+        return self._joined_pairs(results, failures, self._clock() - asked_s)
+
+    def _joined_pairs(
+        self,
+        results: Mapping[str, CrossModalResult | None],
+        failures: Mapping[str, str],
+        seconds: float,
+    ) -> tuple[SurroundResult | None, WitnessReport]:
+        """Return the result and report of the pairs that were asked together."""
+        if not results:
             return None, WitnessReport("skipped", "no time left in this frame")
-        joined = SurroundResult({name: found[name] for name in self._rigs if name in found})
-        reason = joined.reason
-        if len(found) < len(self._rigs):
-            silent = ", ".join(name for name in self._rigs if name not in heard)
-            if silent:
-                reason += f" (not asked: {silent})"
-            if why:
-                reason += f" ({why})"
-        return joined, WitnessReport(joined.verdict, reason, self._clock() - start)
+        why = "; ".join(f"{name}: {each}" for name, each in failures.items())
+        by_rig = {name: results.get(name) for name in self._rigs}
+        found = {name: each for name, each in by_rig.items() if each is not None}
+        if not found:
+            return None, WitnessReport("undecidable", why, seconds)
+        together = SurroundResult(found)
+        reason = together.reason
+        not_asked = ", ".join(name for name in self._rigs if name not in results)
+        if not_asked:
+            reason += f" (not asked: {not_asked})"
+        if why:
+            reason += f" ({why})"
+        return together, WitnessReport(together.verdict, reason, seconds)
 
     def _ask_forensics(
         self,
         frame: LidarFrame,
         watermark: WatermarkResult | None,
-        now: float,
+        stream_s: float,
         *,
         is_alone: bool,
         is_accused: bool,
@@ -526,7 +551,7 @@ class AlertMonitor:
         # The displacement of a verified watermark is allowed for; its own report says the rest.
         verified = watermark if watermark is not None and watermark.content == "intact" else None
         is_accused = is_accused and self._every < math.inf
-        is_due = self._is_due("forensics", now)
+        is_due = self._is_due("forensics", stream_s)
         if self._worker is not None:
             heard = self._last_word()
             may_wait = is_accused and len(self._running) < 2
@@ -535,28 +560,29 @@ class AlertMonitor:
                 self._running.append(
                     (self._number, self._worker.submit(self._looked, kept, verified))
                 )
-                self._last["forensics"] = now
+                self._last["forensics"] = stream_s
             return heard
         is_wanted = (is_alone or is_accused) and self._budget == math.inf and self._every < math.inf
         # Once in the period: if cameras accuse every frame, not every verdict is late.
-        is_due = is_due or (is_accused and self._is_due(_OF_ACCUSED, now))
+        is_due = is_due or (is_accused and self._is_due(_OF_ACCUSED, stream_s))
         if not (is_wanted or is_due):
             return None, WitnessReport("skipped", "not due")
         if is_accused:
-            self._last[_OF_ACCUSED] = now
-        start = self._clock()
+            self._last[_OF_ACCUSED] = stream_s
+        asked_s = self._clock()
         try:
             found = inspect(frame, watermark=verified, power=False)
-        except Exception as error:  # the chain has moved on: the frame cannot be judged again
-            return None, self._silent("forensics", error, start, now)
-        return found, self._heard("forensics", found.verdict, found.reason, start, now)
+        # The watermark has accepted this frame, so that judging it again would fail.
+        except Exception as error:
+            return None, self._failed("forensics", error, asked_s, stream_s)
+        return found, self._heard("forensics", found.verdict, found.reason, asked_s, stream_s)
 
     def _looked(
         self, frame: LidarFrame, verified: WatermarkResult | None
     ) -> tuple[Inspection, float]:
-        start = self._clock()
+        asked_s = self._clock()
         found = inspect(frame, watermark=verified, power=False, threads=1)
-        return found, self._clock() - start
+        return found, self._clock() - asked_s
 
     def _last_word(self, *, wait: bool = False) -> tuple[Inspection | None, WitnessReport]:
         """Take the result of the forensics in the background, if there is a new one."""
@@ -568,31 +594,37 @@ class AlertMonitor:
         del self._running[0]
         try:
             found, seconds = future.result()
-        except Exception as error:  # the watermark's word on this frame stands all the same
+        except Exception as error:  # the watermark's verdict on this frame stands all the same
+            _log_traceback(error)
             return None, WitnessReport("undecidable", f"frame {number}: {_failure(error)}")
         return found, WitnessReport(found.verdict, f"frame {number}: {found.reason}", seconds)
 
-    def _is_due(self, witness: str, now: float) -> bool:
+    def _is_due(self, witness: str, stream_s: float) -> bool:
         # A time that goes backwards begins another stream.
         last = self._last.get(witness)
         return self._every < math.inf and (
-            last is None or now < last or now - last >= self._every * (1.0 - 1e-9)
+            last is None or stream_s < last or stream_s - last >= self._every * (1.0 - 1e-9)
         )
 
-    def _has_time(self, witness: str, begin: float) -> bool:
-        return self._clock() - begin + self._cost.get(witness, 0.0) <= self._budget
+    def _has_time(self, witness: str, started_s: float) -> bool:
+        cost = min(self._durations.get(witness, ()), default=0.0)
+        return self._clock() - started_s + cost <= self._budget
 
     def _heard(
-        self, witness: str, verdict: str, reason: str, start: float, now: float
+        self, witness: str, verdict: str, reason: str, asked_s: float, stream_s: float
     ) -> WitnessReport:
-        seconds = self._clock() - start
-        self._last[witness] = now
-        # The quickest so far: the first call also loads what it needs.
-        self._cost[witness] = min(seconds, self._cost.get(witness, math.inf))
+        seconds = self._clock() - asked_s
+        self._last[witness] = stream_s
+        self._durations.setdefault(witness, deque(maxlen=_RECENT)).append(seconds)
         return WitnessReport(verdict, reason, seconds)
 
-    def _silent(self, witness: str, error: Exception, start: float, now: float) -> WitnessReport:
-        return self._heard(witness, "undecidable", _failure(error), start, now)
+    def _failed(
+        self, witness: str, error: Exception, asked_s: float, stream_s: float
+    ) -> WitnessReport:
+        """Report a failure; its duration does not tell how long a verdict takes."""
+        _log_traceback(error)
+        self._last[witness] = stream_s
+        return WitnessReport("undecidable", _failure(error), self._clock() - asked_s)
 
 
 def _with_unread(told: WitnessReport, why: str) -> WitnessReport:
@@ -600,6 +632,11 @@ def _with_unread(told: WitnessReport, why: str) -> WitnessReport:
     if told.verdict == "absent":
         return replace(told, verdict="undecidable", reason=why)
     return replace(told, reason=f"{told.reason} ({why})")
+
+
+def _log_traceback(error: Exception) -> None:
+    """Log where an error was raised, because a report states its message only."""
+    _log.debug("%s", "".join(traceback.format_exception(error)))
 
 
 def _failure(error: Exception) -> str:
