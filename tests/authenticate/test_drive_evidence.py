@@ -98,11 +98,22 @@ def test_a_drive_page_shows_the_p_value_that_accuses(tmp_path: Path) -> None:
     assert f'cy="{top - scale * math.log10(0.007):.2f}" r="4.0"' in text
     assert "<td>0.002</td><td>1.2e-06</td>" in text
     assert "<td>0.007</td><td>0.007</td>" in text
-    assert "p-value of detector III by its model of clean scans" in text
+    assert "detector III (p-value by its model of clean scans)" in text
+    assert all(f"detector {number} (p-value" in text for number in ("III", "IV", "V"))
     record = found[0].record()
     assert (record["p_value"], record["model_p_value"]) == (0.002, pytest.approx(1.2e-6))
     assert record["detectors"]["generic"]["model_p_value"] == record["model_p_value"]
     assert found[1].record()["model_p_value"] == 0.007
+
+
+def test_a_p_value_that_is_no_number_is_not_drawn_as_evidence(tmp_path: Path) -> None:
+    page = tmp_path / "drive.html"
+    unknown = [replace(each, verdict="undecidable") for each in (frame(math.nan), frame(1.0))]
+    report.write_drive_evidence(unknown, page, names=["a", "b"])
+    assert page.read_text().count('r="2.5"') == 1
+    underflow = replace(frame(0.0), verdict="undecidable")
+    report.write_drive_evidence([underflow], page, names=["a"])
+    assert 'cy="158.00" r="2.5"' in page.read_text()  # lowest line of the plot, 1e-12 and below
 
 
 def test_a_drive_page_shows_the_curve(tmp_path: Path) -> None:
@@ -112,6 +123,7 @@ def test_a_drive_page_shows_the_curve(tmp_path: Path) -> None:
     text = page.read_text()
     assert "Evidence that adds up" in text
     assert "an alarm at frame 4" in text
+    assert ">alarm: 10^" in text
 
 
 def test_bad_rates_are_named() -> None:

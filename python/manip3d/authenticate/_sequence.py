@@ -71,10 +71,10 @@ class DriveEvidence:
         rate = f"{self.alarms_per_hour:g} an hour"
         return (
             f"evidence over {self.judged} frames: {found}. The likelihood ratios of successive "
-            f"frames multiply to 1e{most:.1f} at most; 1e{self.threshold:.1f} raises an alarm, of "
-            f"which clean drives would have at most {rate} if frames did not depend on each other. "
-            f"Measured: {MEASURED_ALARMS} alarms in {MEASURED_FRAMES} clean simulated frames, so "
-            f"few that they only bound the rate by {bound:.0f} an hour (95 %)."
+            f"frames multiply to 10^{most:.1f} at most; 10^{self.threshold:.1f} raises an alarm, "
+            f"of which clean drives would have at most {rate} if frames did not depend on each "
+            f"other. Measured: {MEASURED_ALARMS} alarms in {MEASURED_FRAMES} clean simulated "
+            f"frames, so few that they only bound the rate by {bound:.0f} an hour (95 %)."
         )
 
 

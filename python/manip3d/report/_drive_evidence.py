@@ -46,9 +46,14 @@ HIGHEST = 600.0
 DEEPEST = 12.0
 """Smaller p-values than 10 to the power of -DEEPEST are drawn at that value."""
 
-P_VALUES = (("generic", "#0072B2", 2.5), ("turns", "#D55E00", 4.0), ("reflectance", "#009E73", 5.5))
-"""Detectors whose p-values are drawn, with the colour and radius (pixels) of their circles. That of
-detector III is drawn as its model states it, because the verdict follows from that value."""
+P_VALUES = (
+    ("generic", "blue", "#0072B2", 2.5, "p-value by its model of clean scans"),
+    ("turns", "orange", "#D55E00", 4.0, "p-value, whose smallest is that of its calibration"),
+    ("reflectance", "green", "#009E73", 5.5, "p-value, whose smallest is that of its calibration"),
+)
+"""Detectors whose p-values are drawn: name, colour in words and as drawn, radius of the circles in
+pixels, and what the value is. That of detector III is drawn as its model states it, because the
+verdict follows from that value."""
 
 MAX_ROWS = 500
 """Largest number of rows in the table; further rows are counted."""
@@ -203,73 +208,96 @@ def _timeline(found: Sequence[Inspection | None], names: Sequence[str]) -> str:
     """Return a bar for each scan, and below it the p-values of the detectors in `P_VALUES`."""
     if not found:
         return "<p>There are no scans.</p>"
-    step = WIDTH / len(found)
+    width = WIDTH / len(found)
     bars = "".join(
-        f'<rect x="{number * step:.2f}" y="0" width="{max(step - 0.5, 0.5):.2f}" height="{BAR:g}" '
+        f'<rect x="{scan * width:.2f}" y="0" width="{max(width - 0.5, 0.5):.2f}" height="{BAR:g}" '
         f'fill="{COLORS[_word(each)]}"><title>{html.escape(name)}: {_word(each)}</title></rect>'
-        for number, (each, name) in enumerate(zip(found, names, strict=True))
+        for scan, (each, name) in enumerate(zip(found, names, strict=True))
     )
     top = BAR + 12.0
     lines = "".join(
-        f'<line x1="0" x2="{WIDTH:g}" y1="{top + PLOT * power / DEEPEST:.1f}" '
-        f'y2="{top + PLOT * power / DEEPEST:.1f}" stroke="#ccc"/>'
-        f'<text x="4" y="{top + PLOT * power / DEEPEST - 3:.1f}" font-size="11">{label}</text>'
-        for power, label in ((2.0, "p = 0.01"), (6.0, "1e-6"), (12.0, "1e-12 and below"))
+        f'<line x1="0" x2="{WIDTH:g}" y1="{top + _down(p_value):.1f}" '
+        f'y2="{top + _down(p_value):.1f}" stroke="#ccc"/>'
+        f'<text x="4" y="{top + _down(p_value) - 3:.1f}" font-size="11">{label}</text>'
+        for p_value, label in (
+            (0.01, "p = 0.01"),
+            (1e-6, "1e-6"),
+            (10.0**-DEEPEST, f"1e-{DEEPEST:g} and below"),
+        )
     )
-    marks = ""
-    for kind, color, radius in P_VALUES:
-        for number, each in enumerate(found):
-            p_value = None if each is None else _p_of(each, kind)
-            if p_value is None:
-                continue
-            depth = min(DEEPEST, -math.log10(max(p_value, 1e-300)))
-            marks += (
-                f'<circle cx="{(number + 0.5) * step:.2f}" cy="{top + PLOT * depth / DEEPEST:.2f}" '
-                f'r="{radius}" fill="none" stroke="{color}"/>'
-            )
+    circles = "".join(
+        f'<circle cx="{(scan + 0.5) * width:.2f}" cy="{top + _down(p_value):.2f}" '
+        f'r="{radius}" fill="none" stroke="{color}"/>'
+        for detector, _, color, radius, _ in P_VALUES
+        for scan, p_value in _p_values(found, detector)
+    )
     drawing = (
         f'<svg viewBox="0 0 {WIDTH:g} {top + PLOT + 8:g}" width="{WIDTH:g}" '
-        f'role="img" aria-label="Verdict and p-values of each scan">{bars}{lines}{marks}</svg>'
+        f'role="img" aria-label="Verdict and p-values of each scan">{bars}{lines}{circles}</svg>'
     )
-    return (
-        f"{wide('Timeline', drawing)}<p>A bar for each scan: "
-        + ", ".join(
-            f'<span style="border-left:1em solid {color}"> {word}</span>'
-            for word, color in COLORS.items()
-        )
-        + ". Small circles: p-value of detector III by its model of clean scans; larger ones: of "
-        "detectors IV (orange) and V (green), whose smallest is that of their calibration.</p>"
+    return f"{wide('Timeline', drawing)}<p>{_timeline_legend()}</p>"
+
+
+def _down(p_value: float) -> float:
+    """Return how far below the top of the plot a p-value is drawn, in pixels."""
+    return PLOT * -math.log10(max(p_value, 10.0**-DEEPEST)) / DEEPEST
+
+
+def _p_values(found: Sequence[Inspection | None], detector: str) -> list[tuple[int, float]]:
+    """Return the indices of the scans of which a detector states a p-value, with that value.
+
+    NaN is no p-value, and must not be drawn as evidence.
+    """
+    from_scans = ((scan, each) for scan, each in enumerate(found) if each is not None)
+    stated = ((scan, _p_of(each, detector)) for scan, each in from_scans)
+    return [(scan, p) for scan, p in stated if p is not None and not math.isnan(p)]
+
+
+def _timeline_legend() -> str:
+    from manip3d.authenticate._inspection import TITLES
+
+    verdicts = ", ".join(
+        f'<span style="border-left:1em solid {color}"> {word}</span>'
+        for word, color in COLORS.items()
     )
+    circles = "; ".join(
+        f"{color} for detector {TITLES[detector].partition(':')[0]} ({meaning})"
+        for detector, color, _, _, meaning in P_VALUES
+    )
+    return f"A bar for each scan: {verdicts}. Circles, the larger the later named: {circles}."
 
 
 def _added_up(together: DriveEvidence) -> str:
-    """Return the curve of the evidence accumulated over all frames, and the threshold."""
+    """Return the curve of the evidence accumulated over all frames, and the threshold.
+
+    Both are base-10 logarithms of likelihood ratios.
+    """
     if len(together.evidence) < 2:
         return ""
     lowest = min(0.0, float(together.evidence.min()))
     highest = 1.2 * max(together.threshold, float(together.evidence.max()), 1.0)
     high = PLOT / (highest - lowest)
-    step = WIDTH / len(together.evidence)
+    width = WIDTH / len(together.evidence)
 
     def level(value: float) -> str:
         return f"{high * (highest - value):.1f}"
 
     curve = " L".join(
-        f"{(number + 0.5) * step:.1f},{level(value)}"
-        for number, value in enumerate(together.evidence.tolist())
+        f"{(scan + 0.5) * width:.1f},{level(value)}"
+        for scan, value in enumerate(together.evidence.tolist())
     )
     lines = "".join(
         f'<line x1="0" x2="{WIDTH:g}" y1="{level(value)}" y2="{level(value)}" stroke="{color}"/>'
         f'<text x="4" y="{high * (highest - value) - 3:.1f}" font-size="11">{label}</text>'
         for value, color, label in (
             (0.0, "#ccc", "ratio 1"),
-            (together.threshold, "#b00020", f"alarm: 1e{together.threshold:.1f}"),
+            (together.threshold, "#b00020", f"alarm: 10^{together.threshold:.1f}"),
         )
     )
     drawing = (
         f'<svg viewBox="0 0 {WIDTH:g} {PLOT:g}" width="{WIDTH:g}" role="img" '
-        f'aria-label="Likelihood ratio that adds up over the scans">{lines}'
-        f'<path d="M{curve}" fill="none" stroke="#0072B2" stroke-width="2"/></svg>'
+        f'aria-label="Base-10 logarithm of the likelihood ratio, which adds up over the scans">'
+        f'{lines}<path d="M{curve}" fill="none" stroke="#0072B2" stroke-width="2"/></svg>'
     )
     title = "Evidence that adds up"
     return f"<h2>{title}</h2>{wide(title, drawing)}<p>{html.escape(together.statement)}</p>"
