@@ -9,6 +9,7 @@ import stat
 import time
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
+from typing import Any
 
 import pytest
 from raw_client import RawStream, cookie, get, request, trusting
@@ -19,9 +20,10 @@ pytest.importorskip("aiohttp", reason="the extra 'live' is not installed")
 pytest.importorskip("cryptography", reason="the extra 'live' is not installed")
 
 from cryptography import x509
-from cryptography.hazmat.primitives import hashes
+from cryptography.hazmat.primitives import hashes, serialization
 
 from manip3d.serve import (
+    Certificate,
     Limits,
     LocalServer,
     Page,
@@ -121,7 +123,7 @@ def test_a_certificate_is_for_one_address_and_for_a_year() -> None:
     assert make_certificate("::1").pem != made.pem
     with pytest.raises(InputError, match=r"certificate: expected one for 127\.0\.0\.1, got ::1"):
         LocalServer(PAGES, ignore, certificate=made)
-    for host in ("example.org", "0.0.0.0", "224.0.0.1"):
+    for host in ("example.org", "0.0.0.0", "224.0.0.1", "240.0.0.1", "255.255.255.255"):
         with pytest.raises(InputError, match="host: expected"):
             make_certificate(host)
 
@@ -142,6 +144,63 @@ def test_a_kept_certificate_is_the_same_again(tmp_path: Path) -> None:
         kept_certificate(tmp_path, "127.0.0.1")
     with pytest.raises(FileNotFoundError):
         kept_certificate(tmp_path / "absent" / "own.pem", "127.0.0.1")
+
+
+def test_a_certificate_of_another_key_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "own.pem"
+    first, second = (make_certificate("127.0.0.1").pem for _ in range(2))
+    begin = b"-----BEGIN CERTIFICATE-----"
+    path.write_bytes(first[: first.index(begin)] + second[second.index(begin) :])
+    with pytest.raises(FormatError, match=r"own\.pem.*expected a certificate of this private key"):
+        kept_certificate(path, "127.0.0.1")
+
+
+def test_a_key_with_a_password_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "own.pem"
+    made = make_certificate("127.0.0.1").pem
+    locked = serialization.load_pem_private_key(made, None).private_bytes(
+        serialization.Encoding.PEM,
+        serialization.PrivateFormat.PKCS8,
+        serialization.BestAvailableEncryption(b"secret"),
+    )
+    path.write_bytes(locked + made[made.index(b"-----BEGIN CERTIFICATE-----") :])
+    with pytest.raises(FormatError, match=r"own\.pem.*without a password"):
+        kept_certificate(path, "127.0.0.1")
+
+
+def test_two_processes_that_begin_at_once_keep_one_certificate(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from manip3d.serve import _certificate
+
+    path = tmp_path / "own.pem"
+    others = make_certificate("127.0.0.1")
+
+    def make_too_late(host: str) -> Certificate:
+        path.write_bytes(others.pem)
+        return make_certificate(host)
+
+    monkeypatch.setattr(_certificate, "make_certificate", make_too_late)
+    assert kept_certificate(path, "127.0.0.1") == others
+    assert path.read_bytes() == others.pem
+
+
+def test_a_certificate_of_tomorrow_is_said_to_be(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from manip3d.serve import _certificate
+
+    class Tomorrow(datetime):
+        @classmethod
+        def now(cls, tz: Any = None) -> Any:
+            return datetime.now(tz) + timedelta(days=1)
+
+    with monkeypatch.context() as ahead:
+        ahead.setattr(_certificate, "datetime", Tomorrow)
+        made = kept_certificate(tmp_path / "own.pem", "127.0.0.1")
+    assert made.since > datetime.now(UTC)
+    with pytest.raises(InputError, match="not valid before"):
+        kept_certificate(tmp_path / "own.pem", "127.0.0.1")
 
 
 def test_a_certificate_that_is_over_is_said_to_be(

@@ -9,6 +9,7 @@ import ssl
 import tempfile
 from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta
+from pathlib import Path
 
 from manip3d._util.checked import checked
 from manip3d._util.paths import path_of
@@ -18,7 +19,11 @@ from manip3d.io._files import limited_bytes, write_new
 _MAX_BYTES = 65536  # a key and a certificate take 2000
 
 DAYS = 397
-"""Days that a new certificate is valid; browsers refuse some that are valid for longer."""
+"""Days for which a new certificate is valid: one less than browsers accept.
+
+The CA/Browser Forum allows 398 days (Baseline Requirements 1.7.1, section 6.3.2). The last day is
+kept for clocks that differ.
+"""
 
 
 @dataclass(frozen=True)
@@ -31,6 +36,8 @@ class Certificate:
         IP address of the machine.
     fingerprint : str
         SHA-256 in pairs of hexadecimal digits, as browsers show it.
+    since : datetime
+        Begin of its validity.
     until : datetime
         End of its validity.
     pem : bytes
@@ -39,6 +46,7 @@ class Certificate:
 
     host: str
     fingerprint: str
+    since: datetime
     until: datetime
     pem: bytes = field(repr=False)
 
@@ -46,7 +54,8 @@ class Certificate:
         """Settings of a server that shows this certificate, TLS 1.2 or later."""
         context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
         context.minimum_version = ssl.TLSVersion.TLSv1_2
-        # OpenSSL reads keys from files only; this one is the owner's and gone at once.
+        # Python's ssl reads certificates from files only. Only this user can read the temporary
+        # file. It is deleted when it has been loaded; if the process is killed before, it stays.
         descriptor, name = tempfile.mkstemp(suffix=".pem")
         try:
             with os.fdopen(descriptor, "wb") as file:
@@ -124,7 +133,8 @@ def kept_certificate(path: str | os.PathLike[str], host: str) -> Certificate:
     Parameters
     ----------
     path : path
-        Private key and certificate (PEM); only its owner can read it.
+        Private key, without a password, and certificate (PEM). A new file is created so that only
+        its owner can read it; the permissions of an existing file are not checked.
     host : str
         The address of this machine.
 
@@ -135,9 +145,10 @@ def kept_certificate(path: str | os.PathLike[str], host: str) -> Certificate:
     Raises
     ------
     FormatError
-        The file holds no key and certificate.
+        The file holds no key and certificate that belong together, or the key has a password.
     InputError
-        It is for another address, or no longer valid: delete it to have a new one made.
+        It is for another address, not yet valid or no longer valid: delete it to have a new one
+        made.
     OSError
         It cannot be read or written.
     MissingExtraError
@@ -152,19 +163,32 @@ def kept_certificate(path: str | os.PathLike[str], host: str) -> Certificate:
     """
     target = path_of(path)
     with contextlib.suppress(FileNotFoundError):
-        found = _certificate(limited_bytes(target, _MAX_BYTES), str(target))
-        if found.host != str(address_of(host)):
-            raise InputError(f"{target}: expected a certificate for {host}, got {found.host}")
-        if found.until <= datetime.now(UTC):
-            raise InputError(f"{target}: no longer valid since {found.until:%Y-%m-%d}")
-        return found
+        return _read_certificate(target, host)
     made = make_certificate(host)
-    write_new(target, made.pem)
+    try:
+        write_new(target, made.pem)
+    except FileExistsError:  # another process has made one meanwhile
+        return _read_certificate(target, host)
     return made
 
 
+def _read_certificate(path: Path, host: str) -> Certificate:
+    """Read a certificate; raise InputError if it is not valid for a host at this moment."""
+    found = _certificate(limited_bytes(path, _MAX_BYTES), str(path))
+    if found.host != str(address_of(host)):
+        raise InputError(f"{path}: expected a certificate for {host}, got {found.host}")
+    now = datetime.now(UTC)
+    if found.since > now:
+        raise InputError(f"{path}: not valid before {found.since:%Y-%m-%d %H:%M} UTC")
+    if found.until <= now:
+        raise InputError(f"{path}: no longer valid since {found.until:%Y-%m-%d}")
+    return found
+
+
 def address_of(host: str) -> ipaddress.IPv4Address | ipaddress.IPv6Address:
-    """Return the address of one machine; names, 0.0.0.0 and link-local IPv6 are refused.
+    """Return the address of one machine; names, 0.0.0.0, 240/4 and link-local IPv6 are refused.
+
+    The block 240.0.0.0/4, which is reserved (RFC 1112), includes the broadcast address.
 
     A link-local IPv6 address needs a zone (``fe80::1%eth0``), which addresses of pages cannot have.
     """
@@ -172,7 +196,9 @@ def address_of(host: str) -> ipaddress.IPv4Address | ipaddress.IPv6Address:
         address = ipaddress.ip_address(host)
     except ValueError:
         raise InputError(f"host: expected an address such as 127.0.0.1, got {host!r}") from None
-    if address.is_unspecified or address.is_multicast:
+    # Python calls ::1 reserved, too.
+    is_reserved = isinstance(address, ipaddress.IPv4Address) and address.is_reserved
+    if address.is_unspecified or address.is_multicast or is_reserved:
         raise InputError(
             f"host: expected the address of one network interface such as 192.168.1.20, got {host}"
         )
@@ -192,10 +218,11 @@ def _certificate(pem: bytes, file: str) -> Certificate:
     except ModuleNotFoundError as error:
         raise MissingExtraError("cryptography", "live") from error
     try:
-        serialization.load_pem_private_key(pem, password=None)
+        key = serialization.load_pem_private_key(pem, password=None)
         made = x509.load_pem_x509_certificate(pem)
         names = made.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
         (address,) = names.get_values_for_type(x509.IPAddress)
+        is_pair = key.public_key() == made.public_key()
     except (
         ValueError,
         TypeError,
@@ -206,7 +233,12 @@ def _certificate(pem: bytes, file: str) -> Certificate:
         x509.UnsupportedGeneralNameType,
     ):
         raise FormatError(
-            "expected a private key and a certificate of one address (PEM)", file=file
+            "expected a private key without a password and a certificate of one address (PEM)",
+            file=file,
         ) from None
+    if not is_pair:
+        raise FormatError("expected a certificate of this private key, got another's", file=file)
     digits = made.fingerprint(hashes.SHA256()).hex(":").upper()
-    return Certificate(str(address), digits, made.not_valid_after_utc, pem)
+    return Certificate(
+        str(address), digits, made.not_valid_before_utc, made.not_valid_after_utc, pem
+    )
