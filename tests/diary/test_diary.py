@@ -27,7 +27,19 @@ pytest.importorskip("cryptography", reason="the extra 'diary' is not installed")
 
 import sqlalchemy as sql
 
-from manip3d.diary import Diary, DiaryGame, DiarySession, Protocol, adherence, export_csv, make_key
+from manip3d.diary import (
+    Diary,
+    DiaryGame,
+    DiarySession,
+    Protocol,
+    adherence,
+    export_clips,
+    export_csv,
+    export_fhir,
+    make_key,
+    write_overview,
+    write_page,
+)
 from manip3d.diary import _schema as schema
 from manip3d.diary._file import DiaryFile, is_filled
 
@@ -1136,3 +1148,68 @@ def test_a_full_disk_leaves_no_part_of_a_new_diary(
     with Diary(path, create=True) as diary:
         fill(diary)
     assert [each.name for each in tmp_path.iterdir()] == [path.name]
+
+
+@pytest.mark.parametrize(
+    "value",
+    [["\x1b[31m"], {"c": "\x00"}, {"\x07": 1}, {"deep": [{"er": ("calm", "\x1b[2J")}]}],
+    ids=["list", "mapping", "key", "nested"],
+)  # fmt: skip
+def test_nested_texts_have_no_control_characters(tmp_path: Path, value: Any) -> None:
+    with Diary(tmp_path / "a.diary", create=True) as diary:
+        diary.enrol("P01")
+        with diary._file.begin() as rows:
+            participant = rows.find("P01")
+            for write in (
+                lambda: rows.change(participant, {"told": value}),
+                lambda: rows.enrol({"identifier": "P02", "told": value}),
+                lambda: rows.add(schema.EVENTS, participant, {"told": value}, session=None),
+            ):
+                with pytest.raises(InputError, match="told: expected a text without control"):
+                    write()
+
+
+@pytest.mark.parametrize("name", ["a\x1b[31m", "line\nfeed", "caf\udce9"])
+def test_a_path_that_cannot_be_listed_is_refused_before_the_export(
+    tmp_path: Path, name: str
+) -> None:
+    """A participant's files must be found and shown again when the participant withdraws."""
+    with Diary(tmp_path / "a.diary", create=True) as diary:
+        diary.enrol("P01")
+        before = diary.audit()
+        for export in (
+            lambda path: export_csv(diary, path),
+            lambda path: export_fhir(diary, path, "P01"),
+            lambda path: export_clips(diary, path, "P01"),
+            lambda path: write_page(diary, path, "P01"),
+            lambda path: write_overview(diary, path),
+        ):
+            with pytest.raises(InputError, match="output: expected a path of UTF-8 without"):
+                export(tmp_path / name)
+        with pytest.raises(InputError, match="files: expected a path of UTF-8 without"):
+            diary.note_files("P01", [tmp_path / name])
+        assert diary.audit() == before
+        assert not (tmp_path / name).exists()
+
+
+def test_a_change_of_a_participant_who_is_gone_is_refused(tmp_path: Path) -> None:
+    with Diary(tmp_path / "a.diary", create=True) as diary:
+        diary.enrol("P01")
+        with diary._file.begin() as rows:
+            participant = rows.find("P01")
+        diary.delete("P01")
+        with (
+            pytest.raises(InputError, match="'P01' is no longer enrolled"),
+            diary._file.begin() as rows,
+        ):
+            rows.change(participant, {"clips": True})
+
+
+def test_a_session_without_its_participant_is_a_damaged_diary(tmp_path: Path) -> None:
+    with Diary(tmp_path / "a.diary", create=True) as diary:
+        diary.enrol("P01")
+        session = diary.start_session("P01")
+        with diary._file.begin() as rows:
+            rows.everybody = list  # type: ignore[method-assign]
+            with pytest.raises(FormatError, match="rows without a participant"):
+                rows.find_by_session(session)

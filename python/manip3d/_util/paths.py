@@ -7,6 +7,7 @@ import re
 from collections.abc import Callable, Collection, Iterable
 from pathlib import Path
 
+from manip3d._util.texts import has_control_characters
 from manip3d.errors import InputError
 
 
@@ -28,6 +29,24 @@ def path_of(path: str | os.PathLike[str], name: str = "path") -> Path:
     except UnicodeEncodeError as error:
         raise InputError(f"{name}: expected characters of file names, got {path!r}") from error
     return Path(path)
+
+
+def legible_path_of(path: str | os.PathLike[str], name: str = "path") -> Path:
+    """Return `path_of` for a file whose absolute path will be stored and shown later.
+
+    Raises
+    ------
+    InputError
+        See `path_of`; or the absolute path has control characters, line feeds included, or is not
+        UTF-8.
+    """
+    found = path_of(path, name)
+    text = str(found.absolute())
+    if has_control_characters(text) or "\n" in text:
+        raise InputError(
+            f"{name}: expected a path of UTF-8 without control characters, got {text!a}"
+        )
+    return found
 
 
 def refuse_existing(

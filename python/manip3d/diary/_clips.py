@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 from manip3d._util.checked import checked
 from manip3d._util.extras import imported
-from manip3d._util.paths import path_of, refuse_existing
+from manip3d._util.paths import legible_path_of, refuse_existing
 from manip3d.diary._sealing import seal, unseal
 from manip3d.errors import FormatError, InputError
 from manip3d.io._files import atomic_folder, refuse_other_files
@@ -178,7 +178,7 @@ def export_clips(
     Raises
     ------
     InputError
-        No such participant, or the folder exists.
+        No such participant, the folder exists, or its path has control characters or is not UTF-8.
     OSError
         The folder cannot be written.
     MissingExtraError
@@ -192,7 +192,7 @@ def export_clips(
     ...     export_clips(diary, "clips", "P01")
     []
     """
-    target = path_of(output, "output")
+    target = legible_path_of(output, "output")
     refuse_existing(target, overwrite=overwrite, name="output")
     refuse_other_files(target, lambda name: is_film_of(identifier, name))
     clips = diary.clips(identifier)

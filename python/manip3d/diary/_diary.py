@@ -11,7 +11,7 @@ from datetime import datetime
 from typing import Any, Literal, get_args
 
 from manip3d._util.checked import checked
-from manip3d._util.paths import path_of
+from manip3d._util.paths import legible_path_of
 from manip3d.diary import _schema as schema
 from manip3d.diary._clips import Pictures
 from manip3d.diary._mcgill import score_mcgill
@@ -30,7 +30,7 @@ from manip3d.diary._records import (
     aware,
     identifier_of,
 )
-from manip3d.diary._rows import Enrolled, Rows, check_texts
+from manip3d.diary._rows import DiaryTransaction, Enrolled, check_texts
 from manip3d.diary._session_lock import SessionLock
 from manip3d.errors import InputError
 from manip3d.io._files import sha256_of
@@ -648,13 +648,13 @@ class Diary(DiaryReading):
         Raises
         ------
         InputError
-            No such participant.
+            No such participant, or a path has control characters or is not UTF-8.
         OSError
             A file cannot be read, or the diary cannot be written.
         """
         found = {}
         for file in files:
-            path = path_of(file, "files").absolute()
+            path = legible_path_of(file, "files").absolute()
             found[str(path)] = sha256_of(path)
         told = "exported, but the diary does not list the files, which 'diary delete' will not name"
         with _telling_of_no_room(told), self._file.begin() as rows:
@@ -718,13 +718,13 @@ def _check_limb(limb: str) -> None:
         raise InputError(f"limb: expected {', '.join(get_args(Limb))}, got {limb!r}")
 
 
-def _write_consent(rows: Rows, participant: Enrolled, clips: bool) -> None:
+def _write_consent(rows: DiaryTransaction, participant: Enrolled, clips: bool) -> None:
     rows.change(participant, {"clips": clips})
     rows.note("consent" if clips else "no consent", participant.number)
 
 
 def _keep_answers(
-    rows: Rows, participant: Enrolled, fields: Mapping[str, Any], session: int | None
+    rows: DiaryTransaction, participant: Enrolled, fields: Mapping[str, Any], session: int | None
 ) -> None:
     if session is not None:
         rows.check_owner(session, participant)

@@ -13,7 +13,7 @@ from datetime import datetime
 from typing import Any
 
 from manip3d._util.checked import checked
-from manip3d._util.paths import path_of, refuse_existing
+from manip3d._util.paths import legible_path_of, refuse_existing
 from manip3d._util.texts import legible
 from manip3d.diary._diary import Diary
 from manip3d.diary._records import (
@@ -87,7 +87,7 @@ def export_csv(
     Raises
     ------
     InputError
-        No such participant, or the folder exists.
+        No such participant, the folder exists, or its path has control characters or is not UTF-8.
     OSError
         The folder cannot be written.
 
@@ -101,7 +101,7 @@ def export_csv(
     >>> "games.csv" in os.listdir("tables")
     True
     """
-    target = path_of(output, "output")
+    target = legible_path_of(output, "output")
     refuse_existing(target, overwrite=overwrite, name="output")
     refuse_other_files(target, is_exported_table)
     chosen = _chosen(diary, participants)
@@ -293,7 +293,7 @@ def export_fhir(
     Raises
     ------
     InputError
-        No such participant, or the file exists.
+        No such participant, the file exists, or its path has control characters or is not UTF-8.
     OSError
         The file cannot be written.
 
@@ -304,7 +304,7 @@ def export_fhir(
     ...     _ = diary.enrol("P01")
     ...     export_fhir(diary, "P01.json", "P01")
     """
-    target = path_of(output, "output")
+    target = legible_path_of(output, "output")
     refuse_existing(target, overwrite=overwrite, name="output")
     bundle = fhir_bundle(diary, identifier)
     diary.note_export(identifier)

@@ -18,7 +18,7 @@ import sqlalchemy as sql
 from manip3d._util.durable import folder_beside, sync_folder
 from manip3d.diary import _schema as schema
 from manip3d.diary._audit import append_row, begin_chain, time_in
-from manip3d.diary._rows import Rows
+from manip3d.diary._rows import DiaryTransaction
 from manip3d.diary._sealing import CHECK, check_key, new_key, seal, unseal
 from manip3d.errors import FormatError, InputError
 
@@ -84,14 +84,14 @@ class DiaryFile:
             raise InputError(f"diary: {self.path} was closed")
 
     @contextlib.contextmanager
-    def begin(self) -> Iterator[Rows]:
+    def begin(self) -> Iterator[DiaryTransaction]:
         """Run a transaction: all of it is written at its end, or nothing if it raises."""
         self._refuse_if_closed()
         with self._unchanged(), self.engine.begin() as connection:
             yield self._rows(connection)
 
     @contextlib.contextmanager
-    def begin_without_remains(self) -> Iterator[Rows]:
+    def begin_without_remains(self) -> Iterator[DiaryTransaction]:
         """Run a transaction after which deleted content is neither in the file nor beside it."""
         self._refuse_if_closed()
         self.refuse_if_read_only()
@@ -147,8 +147,8 @@ class DiaryFile:
                 "written"
             )
 
-    def _rows(self, connection: sql.Connection) -> Rows:
-        return Rows(connection, self.path, self.key, self.chain_key)
+    def _rows(self, connection: sql.Connection) -> DiaryTransaction:
+        return DiaryTransaction(connection, self.path, self.key, self.chain_key)
 
     def _check_file(self, create: bool) -> None:
         """Refuse files that are no diary or of a later version; make a new file if allowed."""

@@ -11,7 +11,7 @@ from datetime import date, timedelta
 
 from manip3d._util.checked import checked
 from manip3d._util.html import Html, as_html, html_table, wide
-from manip3d._util.paths import path_of, refuse_existing
+from manip3d._util.paths import legible_path_of, refuse_existing
 from manip3d._util.texts import legible, or_dash
 from manip3d._util.times import dated
 from manip3d.diary._clips import film
@@ -83,7 +83,7 @@ def write_page(
     Raises
     ------
     InputError
-        No such participant, or the file exists.
+        No such participant, the file exists, or its path has control characters or is not UTF-8.
     OSError
         The file cannot be written.
     MissingExtraError
@@ -96,7 +96,7 @@ def write_page(
     ...     _ = diary.enrol("P01")
     ...     write_page(diary, "P01.html", "P01")
     """
-    target = path_of(output, "output")
+    target = legible_path_of(output, "output")
     refuse_existing(target, overwrite=overwrite, name="output")
     text = _page(diary, identifier, today or date.today(), clips)
     diary.note_export(identifier)
@@ -134,7 +134,8 @@ def write_overview(
     Raises
     ------
     InputError
-        The folder exists; with ``overwrite``, it contains other files.
+        The folder exists; with ``overwrite``, it contains other files. Or its path
+        has control characters or is not UTF-8.
     OSError
         The folder cannot be written.
     MissingExtraError
@@ -151,7 +152,7 @@ def write_overview(
     ['index.html', 'participant-P01.html']
     """
     require_scipy()
-    target = path_of(output, "output")
+    target = legible_path_of(output, "output")
     refuse_existing(target, overwrite=overwrite, name="output")
     refuse_other_files(target, is_page_of_overview)
     day = today or date.today()

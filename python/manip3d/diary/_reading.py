@@ -31,7 +31,7 @@ from manip3d.diary._records import (
     Participant,
     Rating,
 )
-from manip3d.diary._rows import Enrolled, Rows
+from manip3d.diary._rows import DiaryTransaction, Enrolled
 from manip3d.diary._sealing import require_key_material
 from manip3d.errors import FormatError, InputError
 
@@ -423,7 +423,7 @@ class DiaryReading(Closing):
         return [ExportedFile(Path(path), kept[path]) for path in sorted(kept)]
 
 
-def sessions_of(rows: Rows, participant: Enrolled) -> list[DiarySession]:
+def sessions_of(rows: DiaryTransaction, participant: Enrolled) -> list[DiarySession]:
     """Return the sessions of a participant; each table is read once."""
     times, games, ratings = defaultdict(list), defaultdict(list), defaultdict(list)
     for row, fields in rows.read(schema.ANOMALIES, participant):

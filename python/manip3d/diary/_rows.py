@@ -41,7 +41,7 @@ class Enrolled:
     fields: Mapping[str, Any]
 
 
-class Rows:
+class DiaryTransaction:
     """Reads and writes rows through the connection of one transaction.
 
     ``key`` is the diary's key, which encrypts the participants' keys; ``chain_key`` is the key of
@@ -59,6 +59,7 @@ class Rows:
     # --- participants ----------------------------------------------------------------------------
 
     def everybody(self) -> list[Enrolled]:
+        """Return all participants."""
         found = []
         for row in self.connection.execute(sql.select(schema.PARTICIPANTS)):
             key = None
@@ -82,14 +83,19 @@ class Rows:
         ).scalar_one_or_none()
         if number is None:
             raise InputError(f"session: there is no session number {session}")
-        return next(one for one in self.everybody() if one.number == number)
+        for participant in self.everybody():
+            if participant.number == number:
+                return participant
+        raise FormatError("the diary has rows without a participant", file=str(self._path))
 
     def check_owner(self, session: int, participant: Enrolled) -> None:
+        """Raise InputError if a session is not this participant's."""
         if self.find_by_session(session).number != participant.number:
             raise InputError(f"session: {session} is another participant's")
 
     def enrol(self, fields: Mapping[str, Any]) -> int:
         """Add a participant, with a key of their own if the diary is encrypted."""
+        check_texts(fields)
         number, key = _new_number(), new_key() if self._key else None
         wrapped = seal(self._key, key, _key_of(number)) if key else b""
         self.connection.execute(
@@ -101,13 +107,17 @@ class Rows:
 
     def change(self, participant: Enrolled, fields: Mapping[str, Any]) -> None:
         """Set some of the fields of a participant."""
+        check_texts(fields)
         payload = seal_fields(
             participant.key, {**participant.fields, **fields}, _about(participant.number)
         )
         table = schema.PARTICIPANTS
-        self.connection.execute(
+        done = self.connection.execute(
             sql.update(table).where(table.c.id == participant.number).values(payload=payload)
         )
+        if done.rowcount != 1:
+            name = participant.fields["identifier"]
+            raise InputError(f"participant: {name!r} is no longer enrolled in {self._path}")
 
     def delete(self, participant: Enrolled) -> None:
         """Delete a participant with all their rows; only the digests of their audit rows remain."""
@@ -143,7 +153,10 @@ class Rows:
         """Replace the fields of a row; return False if its parents have no such row."""
         check_texts(fields)
         payload = seal_fields(participant.key, fields, _about(participant.number, table, row))
-        is_row = [table.c.id == row, *(table.c[name] == of for name, of in parents.items())]
+        is_row = [
+            table.c.id == row,
+            *(table.c[name] == row_number for name, row_number in parents.items()),
+        ]
         done = self.connection.execute(sql.update(table).where(*is_row).values(payload=payload))
         return bool(done.rowcount == 1)
 
@@ -162,15 +175,18 @@ class Rows:
         return self._fields(table, found, participant)
 
     def delete_anomalies(self, game: int) -> None:
+        """Delete the anomalies of a game."""
         table = schema.ANOMALIES
         self.connection.execute(sql.delete(table).where(table.c.game == game))
 
     def has_clips(self, participant: Enrolled) -> bool:
+        """Return whether a participant has any clip."""
         table = schema.CLIPS
         one = sql.select(table.c.id).where(table.c.participant == participant.number).limit(1)
         return self.connection.execute(one).first() is not None
 
     def add_clip(self, participant: Enrolled, anomaly: int, pictures: Pictures) -> None:
+        """Add the pictures of an anomaly, encrypted like all other payloads."""
         clip = _new_number()
         about = _about(participant.number, schema.CLIPS, clip)
         payload = seal_pictures(participant.key, pictures, about)
@@ -190,6 +206,7 @@ class Rows:
             yield row.anomaly, unseal_pictures(participant.key, row.payload, about)
 
     def delete_clips(self, participant: Enrolled) -> None:
+        """Delete the clips of a participant."""
         table = schema.CLIPS
         self.connection.execute(sql.delete(table).where(table.c.participant == participant.number))
 
@@ -267,12 +284,29 @@ def check_payload(table: str, row: int, number: int, key: bytes | None, payload:
 
 
 def check_texts(fields: Mapping[str, Any]) -> None:
-    """Refuse control characters, which exports cannot contain and terminals would execute."""
+    """Refuse control characters, which exports cannot contain and terminals would execute.
+
+    Texts within lists and mappings, and the keys of mappings, are checked, too.
+    """
     for name, value in fields.items():
-        if isinstance(value, str) and has_control_characters(value):
-            raise InputError(
-                f"{name}: expected a text without control characters, got {value[:60]!a}"
-            )
+        for text in _texts_in(value):
+            if has_control_characters(text):
+                raise InputError(
+                    f"{name}: expected a text without control characters, got {text[:60]!a}"
+                )
+
+
+def _texts_in(value: object) -> Iterator[str]:
+    """Yield the texts of a value that is a text, a list, a mapping, or holds some of these."""
+    if isinstance(value, str):
+        yield value
+    elif isinstance(value, Mapping):
+        for key, each in value.items():
+            yield from _texts_in(key)
+            yield from _texts_in(each)
+    elif isinstance(value, list | tuple):
+        for each in value:
+            yield from _texts_in(each)
 
 
 def _new_number() -> int:
