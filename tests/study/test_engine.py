@@ -621,6 +621,8 @@ def test_who_withdraws_leaves_nothing(definition: Path, tmp_path: Path) -> None:
         with pytest.raises(InputError, match="participant: expected one of this study"):
             folder.store("sim-001", Answer("late", {}, {}))
         assert folder.begin("new").number == 3  # no number twice
+        folder.withdraw("new")
+        assert folder.begin("new").number == 3  # nothing is left of who had it
     names = [path.name for path in (tmp_path / "a").rglob("*.jsonl")]
     assert sorted(names) == ["new.jsonl", "sim-000.jsonl", "sim-002.jsonl"]
     for path in (tmp_path / "a").rglob("*"):
@@ -837,6 +839,32 @@ def test_missing_stimuli_and_wrong_times_are_told(tmp_path: Path) -> None:
             with pytest.raises(InputError, match="seconds: expected > 0 and <= "):
                 run_study(study, folder, seconds=endless)
     assert not (tmp_path / "stimuli-textured").exists()
+
+
+@pytest.mark.parametrize("method", ["begin", "store", "withdraw"])
+def test_nothing_is_written_after_another_thread_has_closed_the_folder(
+    tmp_path: Path, method: str
+) -> None:
+    """Another process may have the folder then."""
+    with StudyFolder(tmp_path / "answers", {}) as folder:
+        folder.begin("P1")
+        own = folder._mutex
+
+        class ClosedMeanwhile:
+            def __enter__(self) -> None:
+                folder._mutex = own
+                folder.close()
+
+            def __exit__(self, *_: object) -> None:
+                pass
+
+        folder._mutex = ClosedMeanwhile()  # type: ignore[assignment]
+        given: tuple[Any, ...] = ("P2",) if method == "begin" else ("P1",)
+        if method == "store":
+            given = ("P1", Answer("late", {}, {}))
+        with pytest.raises(InputError, match="this study was closed"):
+            getattr(folder, method)(*given)
+    assert len(list((tmp_path / "answers").rglob("P1.jsonl"))) == 1
 
 
 def test_threads_begin_with_different_numbers(tmp_path: Path) -> None:

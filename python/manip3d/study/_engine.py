@@ -23,7 +23,7 @@ from manip3d._util.reprs import short_repr
 from manip3d.errors import FormatError, InputError
 from manip3d.serve import Kind, Limits, LocalServer, Page, StreamClient, bundled_pages, read_message
 from manip3d.study._definition import Common
-from manip3d.study._steps import Field, Step, Stimulus, Value, px_per_degree
+from manip3d.study._steps import ABOUT, CONSENT, Field, Step, Stimulus, Value, px_per_degree
 from manip3d.study._store import SIMULATED, Answer, Session, StudyFolder
 
 LOG = logging.getLogger("manip3d.study")
@@ -193,20 +193,20 @@ class Study(ABC):
             answer = session.answer(step.id)
             if answer is None:
                 return step
-            if step.id == "consent" and answer.values["agree"] != "yes":
+            if step.id == CONSENT and answer.values["agree"] != "yes":
                 return None
         return self.next_step(session)
 
     def opening(self) -> list[Step]:
         """Return the steps before the study's own: consent, demographics, introduction."""
         agree = Field("agree", "", "choice", (("yes", "I agree"), ("no", "I do not agree")))
-        steps = [Step("consent", "Consent", self.common.consent, (agree,))]
+        steps = [Step(CONSENT, "Consent", self.common.consent, (agree,))]
         about = list(self.common.demographics)
         if self.common.groups:
             choices = tuple((name, name) for name in self.common.groups)
             about.insert(0, Field("group", "Which group do you belong to?", "choice", choices))
         if about:
-            steps.append(Step("about", "About you", (), tuple(about)))
+            steps.append(Step(ABOUT, "About you", (), tuple(about)))
         if self.common.introduction:
             steps.append(Step("introduction", self.common.title, self.common.introduction))
         return steps
@@ -382,7 +382,7 @@ class Conductor:
     def _tell(self, client: StreamClient, session: Session) -> None:
         step = self.study.step(session)
         if step is None:
-            agreed = session.answer("consent")
+            agreed = session.answer(CONSENT)
             declined = agreed is not None and agreed.values["agree"] != "yes"
             client.say(_message("end", declined=declined, participant=session.participant))
             return
@@ -403,8 +403,8 @@ def _assigned(
     study: Study, folder: StudyFolder, step: str, values: Mapping[str, Value]
 ) -> int | None:
     """Return the place in the sequence of orders that an answer assigns; None: it assigns none."""
-    has_about = any(each.id == "about" for each in study.opening())
-    if step == "about" or (step == "consent" and not has_about and values["agree"] == "yes"):
+    has_about = any(each.id == ABOUT for each in study.opening())
+    if step == ABOUT or (step == CONSENT and not has_about and values["agree"] == "yes"):
         return folder.next_place(str(values.get("group") or ""), study.num_orders)
     return None
 
@@ -535,7 +535,7 @@ def state_of(study: Study, session: Session) -> str:
     ...     study.state_of(study.read_study(file)[0], study.Session("P1", 0))
     'unfinished'
     """
-    agreed = session.answer("consent")
+    agreed = session.answer(CONSENT)
     if agreed is not None and agreed.values["agree"] != "yes":
         return "declined"
     return "unfinished" if study.step(session) is not None else "finished"
@@ -668,7 +668,7 @@ def simulate_participants(
         while (step := study.step(session)) is not None:
             # Each answer has its own generator, so that it is the same after an interruption.
             rng = np.random.default_rng([seed, study.common.seed, number, len(session.answers)])
-            own = {"consent", "about", "introduction", "screen"}
+            own = {CONSENT, ABOUT, "introduction", "screen"}
             if step.id in own:
                 values = {f.name: _plausible(f, rng, number) for f in step.fields}
             else:

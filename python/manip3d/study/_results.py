@@ -17,7 +17,7 @@ from manip3d._util.paths import path_of, refuse_existing
 from manip3d.errors import InputError
 from manip3d.io._files import atomic_folder, holds_only
 from manip3d.study._engine import Study, is_screen, scale_of, screen_step, state_of
-from manip3d.study._steps import Field, Value
+from manip3d.study._steps import ABOUT, Field, Value
 from manip3d.study._store import Session, StudyFolder
 
 REDCAP_COLUMNS = (
@@ -158,7 +158,7 @@ def _answers(sessions: Sequence[Session]) -> Iterable[Sequence[object]]:
 def _about(study: Study) -> list[tuple[str, Field]]:
     """Return the questions that all studies ask, each with the title of its part."""
     found = [
-        ("Person", each) for step in study.opening() if step.id == "about" for each in step.fields
+        ("Person", each) for step in study.opening() if step.id == ABOUT for each in step.fields
     ]
     if study.common.kind == "jnd":
         found += [("Screen", each) for each in screen_step().fields]
@@ -173,7 +173,7 @@ def _wide(study: Study, sessions: Sequence[Session]) -> str:
     for session in sessions:
         values: dict[str, Value] = {}
         for answer in session.answers:  # of several measurements of the screen, the last counts
-            if answer.step == "about" or is_screen(answer.step):
+            if answer.step == ABOUT or is_screen(answer.step):
                 values |= answer.values
         values |= study.wide(session)
         row: list[object] = [session.participant, state_of(study, session)]

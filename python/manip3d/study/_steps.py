@@ -26,6 +26,9 @@ NAME = re.compile(r"[a-z][a-z0-9_]{0,25}")
 CARD_MM = 85.60
 """Width of a bank card, millimetres [ISO/IEC 7810, ID-1]."""
 
+CONSENT, ABOUT = "consent", "about"
+"""Ids of the steps that ask for the consent and for the participant's group and person."""
+
 MAX_TEXT = 2000
 """Largest number of characters of a free text."""
 

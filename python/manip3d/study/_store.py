@@ -10,7 +10,7 @@ import time
 import zlib
 from collections import Counter
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +23,7 @@ from manip3d._util.reprs import short_repr
 from manip3d._util.texts import counted
 from manip3d.errors import FormatError, InputError
 from manip3d.io._files import atomic_write, limited_bytes, regular_bytes
-from manip3d.study._steps import Value
+from manip3d.study._steps import ABOUT, CONSENT, Value
 
 CODE = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,31}")
 """Codes of participants: pseudonyms, which are also file names."""
@@ -81,7 +81,9 @@ class Session:
     ----------
     participant : str
     number : int
-        Number of participants who began before.
+        One more than the largest number of the participants at the begin; 0 for the first. Random
+        orders depend on it, so that no two participants of a study share a number. The number of a
+        participant who has withdrawn may be given again: nothing of theirs is left to share it.
     answers : list of Answer
         Answers in order of time.
     screen : dict
@@ -114,7 +116,7 @@ class Session:
     @property
     def group(self) -> str:
         """The participant's group; empty if the study did not ask for it."""
-        about = self.answer("about")
+        about = self.answer(ABOUT)
         return str(about.values.get("group") or "") if about else ""
 
     @property
@@ -125,7 +127,7 @@ class Session:
 
     @property
     def _place(self) -> int | None:
-        found = [self.answer(step) for step in ("about", "consent")]
+        found = [self.answer(step) for step in (ABOUT, CONSENT)]
         return next((a.assigned for a in found if a is not None and a.assigned is not None), None)
 
 
@@ -181,7 +183,7 @@ class StudyFolder(Closing):
     ) -> None:
         self.path = path_of(path)
         self.read_only = read_only
-        self._turn = threading.RLock()  # held by one thread of this process at a time
+        self._mutex = threading.RLock()  # held while a method writes, or closes the folder
         self._lock: int | None = None
         if read_only and definition is not None:
             raise InputError("definition: cannot be given with read_only")
@@ -277,7 +279,7 @@ class StudyFolder(Closing):
             The code is malformed or differs from another one only in case, or the folder was opened
             read-only.
         """
-        with self._turn:
+        with self._mutex:
             self.check_code(participant)
             if participant in self.sessions:
                 return self.sessions[participant]
@@ -290,6 +292,9 @@ class StudyFolder(Closing):
 
     def next_place(self, group: str, period: int) -> int:
         """Return the place in the sequence of orders for the next participant of a group.
+
+        The place is free until `store` has stored the answer that it is assigned to. No lock is
+        held in between: assign places in one thread, as the server of `run_study` does.
 
         Parameters
         ----------
@@ -374,12 +379,12 @@ class StudyFolder(Closing):
         OSError
             The answer could not be written; the file is unchanged.
         """
-        self._refuse_if_read_only()
-        with self._turn:
+        with self._mutex:
+            self._refuse_if_read_only()
             self._refuse_unknown(participant)
             session = self.sessions[participant]
-            stamped = Answer(**{**vars(answer), "time_ns": time.time_ns()})
-            content = _line({key: value for key, value in vars(stamped).items()}).encode()
+            stamped = replace(answer, time_ns=time.time_ns())
+            content = _line(vars(stamped)).encode()
             descriptor = os.open(self._file(participant), os.O_WRONLY | os.O_APPEND | os.O_CLOEXEC)
             try:
                 size = os.fstat(descriptor).st_size
@@ -409,8 +414,8 @@ class StudyFolder(Closing):
         InputError
             There is no such participant, or the folder was opened for reading only.
         """
-        self._refuse_if_read_only()
-        with self._turn:
+        with self._mutex:
+            self._refuse_if_read_only()
             self._refuse_unknown(participant)
             self._file(participant).unlink()
             sync_folder(self.path / _PARTICIPANTS)
@@ -425,9 +430,10 @@ class StudyFolder(Closing):
 
         Answers in memory can still be read, but nothing can be stored afterwards.
         """
-        if self._lock is not None:
-            os.close(self._lock)
-            self._lock = None
+        with self._mutex:
+            if self._lock is not None:
+                os.close(self._lock)
+                self._lock = None
 
     def _file(self, participant: str) -> Path:
         return self.path / _PARTICIPANTS / f"{participant}.jsonl"
