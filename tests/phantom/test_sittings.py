@@ -29,7 +29,7 @@ from waiting import wait_for
 pytest.importorskip("sqlalchemy", reason="the extra 'diary' is not installed")
 
 from manip3d.diary import Diary
-from manip3d.diary._rows import Rows
+from manip3d.diary._rows import DiaryTransaction
 from manip3d.phantom._diary import RATE_FIRST, DiaryRecorder
 
 FELT = {"length": 60, "telescoping": 10, "raised": 0, "bent": 20}
@@ -532,14 +532,14 @@ def test_a_rating_that_stops_is_kept_once_and_with_its_reason(
     sitting.now += timedelta(minutes=1)  # later than a correction
     kept = sitting.recorder._diary
     wait_for(lambda: len(kept.sessions("P01")) == 2)
-    add, failures = Rows.add, [OSError("disk full")]
+    add, failures = DiaryTransaction.add, [OSError("disk full")]
 
-    def fails_once(self: Rows, table: Any, *rest: Any, **parents: Any) -> int:
+    def fails_once(self: DiaryTransaction, table: Any, *rest: Any, **parents: Any) -> int:
         if table.name == "events" and failures:
             raise failures.pop()
         return add(self, table, *rest, **parents)
 
-    monkeypatch.setattr(Rows, "add", fails_once)
+    monkeypatch.setattr(DiaryTransaction, "add", fails_once)
     assert "rose from 3 to 6" in sitting.say("pain", value=6)["game"]["halt"]
     with sitting.end() as diary:
         assert failures == []
@@ -569,6 +569,58 @@ def test_midnight_within_a_sitting_ends_no_stop(sitting: Sitting) -> None:
     sitting.now += timedelta(hours=9)
     assert sitting.show()["game"]["halt"] == ""
     assert sitting.say("ready")["game"]["halt"] == ""
+
+
+@pytest.mark.parametrize("is_halted", [False, True])
+def test_a_rest_after_midnight_ends_the_sitting_of_the_day_before(
+    monkeypatch: pytest.MonkeyPatch, is_halted: bool
+) -> None:
+    night = datetime(2026, 5, 1, 23, 50).astimezone()
+    now = night
+    monkeypatch.setattr(_sitting, "_now", lambda: now)
+    patient = _sitting.Sitting(None)
+    assert not patient.hear()
+    if is_halted:
+        patient.halt("pain rose")
+    now = night + timedelta(minutes=30)
+    assert not patient.hear()
+    assert bool(patient.halted) == is_halted
+    now = night + timedelta(hours=10)
+    assert patient.hear()
+    assert patient.halted == ""
+
+
+def test_the_morning_after_asks_first_and_compares_with_the_night(sitting: Sitting) -> None:
+    """A patient who played past midnight rated nothing since; the pain may have risen overnight."""
+    sitting.now = sitting.now.replace(hour=23, minute=50)
+    sitting.say("pain", value=3)
+    sitting.say("ready")
+    sitting.now += timedelta(minutes=30)
+    sitting.say("stop")
+    sitting.now += timedelta(hours=9)
+    status = sitting.say("ready")["game"]
+    assert (status["ask"], status["pain"]) == (RATE_FIRST, None)
+    assert "rose from 3 to 6" in sitting.say("pain", value=6)["game"]["halt"]
+
+
+def test_a_sitting_that_is_over_stays_over() -> None:
+    patient = _sitting.Sitting(None)
+    patient.end()
+    assert patient.state == "over"
+    patient.end()
+    assert patient.state == "over"
+    with pytest.raises(InputError, match="pain: expected a session with a diary"):
+        patient.rate(3)
+
+
+def test_a_sitting_that_ended_asks_for_no_second_rating(sitting: Sitting) -> None:
+    sitting.say("pain", value=3)
+    sitting.say("enough")
+    sitting.say("pain", value=3)
+    patient = sitting.session._sitting
+    assert patient.state == "over"
+    patient.end()
+    assert patient.state == "over"
 
 
 def test_a_stop_and_a_baseline_hold_for_their_day(sitting: Sitting) -> None:

@@ -144,12 +144,16 @@ class DiaryRecorder:
 
         ``answered``: False if the patient was asked for the last rating and gave none. It is then
         unknown whether the pain rose, and ratings of the next sitting are also compared with the
-        first one of this sitting. Otherwise a new sitting would switch the stop rule off.
+        first one of this sitting. Otherwise a new sitting would switch the stop rule off. The same
+        holds if the patient played and gave no rating afterwards, because nobody asked.
         """
         if not self._is_open:
             return
         self._is_open = False
-        if answered and self._ratings:
+        is_rated = bool(self._ratings) and (
+            not self._has_begun or self._ratings[-1].when == "after"
+        )
+        if answered and is_rated:
             self._unanswered = []
         else:
             self._unanswered = [*self._unanswered, *self._ratings]
