@@ -28,6 +28,8 @@ import capsule_body
 from manip3d.phantom import _touch, simulated_patient
 from manip3d.phantom._page import INTENDED_USE
 from manip3d.phantom.games import GAMES
+from manip3d.rgbd import RgbdFrame
+from manip3d.serve import StreamClient
 from manip3d.viewer import _chromium
 from waiting import wait_for
 
@@ -726,6 +728,56 @@ def test_a_limb_that_nobody_has_described_has_sliders_of_its_own(
         stage.session.command("limb", {"limb": "left_arm"})
         stage.show(2)
         assert tab.evaluate(length) == "100"
+
+
+class WithoutClock(Stage):
+    """A stage that answers no question about its clock before ``answer_clock`` is called."""
+
+    def __init__(self, frames: Iterator[RgbdFrame]) -> None:
+        self.asked: list[tuple[StreamClient, str]] = []
+        self.answers = False
+        super().__init__(frames)
+
+    def _hear(self, client: StreamClient, text: str) -> None:
+        if not self.answers and json.loads(text)["type"] == "clock":
+            self.asked.append((client, text))
+            return
+        super()._hear(client, text)
+
+    def answer_clock(self) -> None:
+        self.answers = True
+        for client, text in self.asked:
+            super()._hear(client, text)
+
+
+def test_no_latency_is_stated_before_the_clocks_are_compared(chromium: None) -> None:
+    """The clock of a headset may be seconds off."""
+    stage = WithoutClock(capsule_body.painted(number) for number in range(40))
+    try:
+        with _chromium.open_address(stage.server.new_url(), (640, 480)) as tab:
+            wait_for(lambda: stage.server.num_clients == 1)
+            stage.show(3)
+            assert tab.evaluate("manip3dLive.stats().frames") == 3
+            assert tab.evaluate("manip3dLive.stats().latencyMs") is None
+            assert stage.server.report()[-1]["latency_ms"] is None
+            wait_for(lambda: stage.asked)
+            stage.answer_clock()
+            wait_for(lambda: tab.evaluate("Number.isFinite(manip3dLive.stats().clockWithinMs)"))
+            stage.show(1)
+            assert tab.evaluate("manip3dLive.stats().latencyMs") is not None
+            assert stage.server.report()[-1]["latency_ms"] is not None
+    finally:
+        stage.server.stop()
+
+
+def test_a_text_that_is_no_message_does_no_harm(chromium: None, stage: Stage) -> None:
+    with _chromium.open_address(stage.server.new_url(), (640, 480)) as tab:
+        wait_for(lambda: stage.server.num_clients == 1)
+        tab.evaluate("window.failures = []; addEventListener('error', () => failures.push(1)); 0")
+        for client, _ in tuple(stage.server._clients.values()):
+            client.say("{")
+        stage.show(1)
+        assert tab.evaluate("failures.length") == 0
 
 
 def test_bad_frames_are_counted_and_do_no_harm(chromium: None, stage: Stage) -> None:

@@ -13,7 +13,7 @@ import time
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from types import TracebackType
+from types import SimpleNamespace, TracebackType
 from typing import Any, Self, cast
 
 import numpy as np
@@ -479,3 +479,14 @@ def test_ctrl_c_while_the_address_is_told_ends_the_session(tmp_path: Path) -> No
 
     report = run_live(f"folder:{tmp_path / 'walk'}", affected="right_arm", on_start=on_start)
     assert report.frames == 0
+
+
+def test_a_page_need_not_know_the_clock_of_the_program() -> None:
+    taken: list[tuple[int, float | None]] = []
+    client = SimpleNamespace(acknowledge=lambda number, ms: taken.append((number, ms)))
+    for text in (
+        '{"type": "ack", "sequence": 1}',
+        '{"type": "ack", "sequence": 2, "decoded_ms": 5}',
+    ):
+        _live.hear(cast(Any, None), cast(Any, client), text, lambda: "")
+    assert taken == [(1, None), (2, 5.0)]

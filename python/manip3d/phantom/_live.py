@@ -449,7 +449,9 @@ def hear(session: LiveSession, client: StreamClient, text: str, new_code: Callab
     """
     name, fields = read_message(text, MESSAGES)
     if name == "ack":
-        client.acknowledge(int(fields["sequence"]), float(fields["decoded_ms"]))
+        # A page does not know the offset of its clock before the first answer to ``clock``.
+        decoded = fields.get("decoded_ms")
+        client.acknowledge(int(fields["sequence"]), None if decoded is None else float(decoded))
     elif name == "bad":
         client.fail()
     elif name == "clock":  # a page on another machine measures the offset of its clock

@@ -28,7 +28,7 @@ _KEPT: dict[str, Kind] = {
 the answer ``heard`` arrives, and the session handles each number of a page once."""
 
 MESSAGES: Mapping[str, Mapping[str, Kind]] = {
-    "ack": {"sequence": Kind(int, 0, 2**32 - 1), "decoded_ms": Kind(float, 0, 1e15)},
+    "ack": {"sequence": Kind(int, 0, 2**32 - 1), "decoded_ms": Kind(float, 0, 1e15, optional=True)},
     "bad": {},
     "clock": {"sent_ms": Kind(float, 0, 1e15)},
     "screen": {},

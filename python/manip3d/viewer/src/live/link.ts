@@ -3,10 +3,11 @@
 import { readFrame, type Frame } from "./frame";
 import type { Message } from "./parts";
 
-const AGAIN_MS = 1000;
+const RECONNECT_MS = 1000; // from the end of a connection to the next attempt
 const HISTORY = 300; // frames over which latency is computed: ten seconds
 const CLOCK_EXCHANGES = 10;
-const MOST_ATTEMPTS = 3; // attempts to send a message that the program does not answer
+const CLOCK_INTERVAL_MS = 200; // the exchanges of two seconds rarely meet the same delay
+const MAX_ATTEMPTS = 3; // attempts to send a message that the program does not answer
 
 /** Counts of the frames so far. */
 export interface Stats {
@@ -36,14 +37,14 @@ class Clock {
     this.aheadMs = serverMs - (sentMs + heardMs) / 2;
   }
 
-  /** Accuracy of the offset: half of the duration of the shortest exchange. */
+  /** Accuracy of the offset: half of the duration of the shortest exchange; at first infinite. */
   get withinMs(): number {
     return this.best / 2;
   }
 }
 
 /** Text messages of the program. */
-interface Said {
+interface TextMessage {
   clock?: [number, number];
   taken?: number; // number of a message that the program has received
   heard?: number; // number of a message that is written to the diary
@@ -71,7 +72,7 @@ export class Link {
   private counted = { frames: 0, lost: 0, bad: 0 };
   private clock = new Clock();
   private kept: Kept[] = [];
-  private said = 0;
+  private lastNumber = 0; // of the messages that must not be lost
   private readonly page = crypto.getRandomValues(new Uint32Array(1))[0];
   private newestAt = performance.now();
 
@@ -95,7 +96,7 @@ export class Link {
   /** Sends a message, again over each new connection, until the program has confirmed it. */
   keep(message: Message): Promise<void> {
     return new Promise((heard, failed) => {
-      const one = { number: ++this.said, message, attempts: 0, heard, failed };
+      const one = { number: ++this.lastNumber, message, attempts: 0, heard, failed };
       this.kept.push(one);
       this.sayAgain(one);
       if (!this.isOpen) this.onState(false);
@@ -155,10 +156,10 @@ export class Link {
       this.last = null;
       this.clock = new Clock();
       for (let number = 0; number < CLOCK_EXCHANGES; number++) {
-        setTimeout(() => this.send({ type: "clock", sent_ms: Clock.now() }), 200 * number);
+        setTimeout(() => this.send({ type: "clock", sent_ms: Clock.now() }), CLOCK_INTERVAL_MS * number);
       }
-      const lost = this.kept.filter((one) => one.attempts >= MOST_ATTEMPTS);
-      this.kept = this.kept.filter((one) => one.attempts < MOST_ATTEMPTS);
+      const lost = this.kept.filter((one) => one.attempts >= MAX_ATTEMPTS);
+      this.kept = this.kept.filter((one) => one.attempts < MAX_ATTEMPTS);
       for (const one of lost) one.failed(new Error("the connection was lost each time"));
       for (const one of this.kept) this.sayAgain(one);
       this.newestAt = performance.now();
@@ -166,11 +167,7 @@ export class Link {
     });
     socket.addEventListener("message", ({ data }) => {
       if (typeof data === "string") {
-        const said = JSON.parse(data) as Said;
-        if (said.clock) this.clock.take(...said.clock);
-        if (said.taken !== undefined) this.taken(said.taken);
-        if (said.heard !== undefined) this.heard(said.heard);
-        if (said.code !== undefined) this.onCode(said.code);
+        this.read(data);
         return;
       }
       // Images are decoded asynchronously; the chain keeps frames in order.
@@ -178,9 +175,24 @@ export class Link {
     });
     socket.addEventListener("close", () => {
       this.onState(false);
-      setTimeout(() => this.open(), AGAIN_MS);
+      setTimeout(() => this.open(), RECONNECT_MS);
     });
     this.socket = socket;
+  }
+
+  /** Handles a text message; one that is not JSON is reported and ignored. */
+  private read(text: string): void {
+    let message: TextMessage;
+    try {
+      message = JSON.parse(text) as TextMessage;
+    } catch (error) {
+      console.error(error);
+      return;
+    }
+    if (message.clock) this.clock.take(...message.clock);
+    if (message.taken !== undefined) this.taken(message.taken);
+    if (message.heard !== undefined) this.heard(message.heard);
+    if (message.code !== undefined) this.onCode(message.code);
   }
 
   private async take(data: ArrayBuffer, socket: WebSocket): Promise<void> {
@@ -196,18 +208,27 @@ export class Link {
       if (socket === this.socket) this.send({ type: "bad" });
       return;
     }
-    if (socket !== this.socket) return; // the frame came over an older connection
-    const decodedMs = Clock.now() + this.clock.aheadMs;
-    this.send({ type: "ack", sequence: frame.sequence, decoded_ms: decodedMs });
+    if (socket !== this.socket) return; // a new connection was opened while the frame was decoded
+    this.acknowledge(frame);
     if (this.last !== null && frame.sequence > this.last) {
       this.counted.lost += frame.sequence - this.last - 1;
     }
     this.last = frame.sequence;
     this.counted.frames += 1;
     this.newestAt = performance.now();
-    this.latencies.push(decodedMs - frame.capturedMs);
     this.times.push(performance.now());
-    if (this.latencies.length > HISTORY) this.latencies.shift();
     if (this.times.length > HISTORY) this.times.shift();
+  }
+
+  /** Acknowledges a frame, with the time of decoding once the offset of the clocks is known. */
+  private acknowledge({ sequence, capturedMs }: Frame): void {
+    if (this.clock.withinMs === Infinity) {
+      this.send({ type: "ack", sequence });
+      return;
+    }
+    const decodedMs = Clock.now() + this.clock.aheadMs;
+    this.send({ type: "ack", sequence, decoded_ms: decodedMs });
+    this.latencies.push(decodedMs - capturedMs);
+    if (this.latencies.length > HISTORY) this.latencies.shift();
   }
 }

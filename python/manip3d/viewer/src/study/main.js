@@ -421,5 +421,10 @@ connect();
 
 // For tests: what is shown.
 Object.assign(window, {
-  manip3dStudy: { step: () => shown, pending: () => pending !== null, turn: () => turntable?.angle },
+  manip3dStudy: {
+    step: () => shown,
+    pending: () => pending !== null,
+    turn: () => turntable?.angle,
+    turntable: () => turntable,
+  },
 });

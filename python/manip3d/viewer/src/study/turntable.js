@@ -9,55 +9,81 @@ const VIEW_ANGLE = 30; // degrees
 const RADIUS = 0.5; // of a model, placed at the origin with a bounding box of diagonal 1
 const ELEVATION = 15; // degrees
 const LATE_MS = 100; // after a turn, until it ends without the browser's next picture
+const LOOKS = {
+  texture: true, flat: false, wireframe: false, boundary: false, backfaces: true, axes: false,
+  lines: false, size: 1,
+};
 
-/** @param {number} degrees */
+/** @param {number} degrees @returns {number} radians */
 function radians(degrees) {
   return (degrees * Math.PI) / 180;
 }
 
-/** One for the whole study: a graphics context takes long to make. */
+/**
+ * Meshes that turn on one canvas. A study has one turntable, because a graphics context takes long
+ * to make.
+ */
 export class Turntable {
   constructor() {
     this.canvas = document.createElement("canvas");
     this.angle = 0; // radians
     /** @type {Stage | null} */
     this.stage = null;
-    this.shown = 0; // counts what is shown
-    addEventListener("resize", () => this.canvas.isConnected && this.stage?.resize());
+    this.generation = 0; // counts the calls of show and stop; what an older one loads is outdated
+    /** Ends the wait for the current turn. @type {() => void} */
+    this.endTurn = () => {};
+    this.resize = () => this.stage?.resize();
   }
 
   /**
-   * @param {HTMLElement} row  holds the panes @param {HTMLElement[]} panes
-   * @param {string[]} addresses  of GLB files @param {number} seconds  for one turn
-   * @returns {Promise<void>} resolved when they have turned round
+   * Shows models and turns them round once.
+   * @param {HTMLElement} row  holds the panes
+   * @param {HTMLElement[]} panes
+   * @param {string[]} addresses  of GLB files
+   * @param {number} seconds  for one turn
+   * @returns {Promise<void>} resolved when they have turned round, or when something else is shown
    */
   async show(row, panes, addresses, seconds) {
-    const shown = ++this.shown;
+    this.stop();
+    const { generation } = this;
     this.angle = 0;
-    const models = await Promise.all(
-      addresses.map(async (address) => {
-        const answer = await fetch(address);
-        if (!answer.ok) throw new Error(`${answer.status}`);
-        return Model.load(await answer.arrayBuffer(), NO_LINES);
-      }),
-    );
-    if (shown !== this.shown) return;
-    const looks = { texture: true, flat: false, wireframe: false, boundary: false };
-    for (const model of models) {
-      model.show({ ...looks, backfaces: true, axes: false, lines: false, size: 1 });
+    const models = await load(addresses);
+    if (generation !== this.generation) {
+      release(models);
+      return;
     }
+    for (const model of models) model.show(LOOKS);
     row.prepend(this.canvas);
     this.#place(panes, models);
+    addEventListener("resize", this.resize);
+    await this.#turn(models, seconds);
+  }
+
+  /** Ends a turn; what is still being loaded will not be shown. */
+  stop() {
+    this.generation += 1;
+    removeEventListener("resize", this.resize);
+    this.endTurn();
+  }
+
+  /**
+   * @param {Model[]} models
+   * @param {number} seconds  for one turn
+   * @returns {Promise<void>} resolved at the end of the turn, or by `stop`
+   */
+  #turn(models, seconds) {
+    const { generation } = this;
     const began = performance.now();
-    await new Promise((done) => {
+    return new Promise((done) => {
+      this.endTurn = done;
       const turn = () => {
-        if (shown !== this.shown) return;
+        if (generation !== this.generation) return;
         const share = seconds > 0 ? Math.min(1, (performance.now() - began) / (1000 * seconds)) : 1;
         this.angle = 2 * Math.PI * share;
         for (const model of models) model.root.rotation.y = this.angle;
         this.stage?.draw();
         if (share < 1) requestAnimationFrame(turn);
-        else done(undefined);
+        else done();
       };
       turn();
       // A window that others cover draws nothing, and would never end the turn.
@@ -65,18 +91,15 @@ export class Turntable {
     });
   }
 
-  /** Nothing is shown any more. */
-  stop() {
-    this.shown += 1;
-  }
-
-  /** @param {HTMLElement[]} panes @param {Model[]} models */
+  /**
+   * Puts models on the stage, in place of those before.
+   * @param {HTMLElement[]} panes
+   * @param {Model[]} models
+   */
   #place(panes, models) {
     if (this.stage) {
-      for (const model of this.stage.models) {
-        this.stage.scene.remove(model.root);
-        release(model.root);
-      }
+      for (const model of this.stage.models) this.stage.scene.remove(model.root);
+      release(this.stage.models);
       this.stage.scene.add(...models.map((model) => model.root));
       this.stage.models = models;
       this.stage.panes = panes;
@@ -100,14 +123,44 @@ export class Turntable {
   }
 }
 
-/** Frees what the graphics card holds of a model. @param {import("three").Object3D} root */
-function release(root) {
-  root.traverse((node) => {
-    const { geometry, material, userData } = /** @type {any} */ (node);
-    geometry?.dispose();
-    for (const each of [material, ...(userData.materials ?? [])]) {
-      each?.map?.dispose();
-      each?.dispose?.();
-    }
-  });
+/**
+ * Loads models; if one cannot be loaded, the others are released.
+ * @param {string[]} addresses  of GLB files
+ * @returns {Promise<Model[]>}
+ */
+async function load(addresses) {
+  const results = await Promise.allSettled(addresses.map(loadOne));
+  const failed = results.find((result) => result.status === "rejected");
+  const models = results.flatMap((r) => (r.status === "fulfilled" ? [r.value] : []));
+  if (!failed) return models;
+  release(models);
+  throw failed.reason;
+}
+
+/** @param {string} address  of a GLB file @returns {Promise<Model>} */
+async function loadOne(address) {
+  const answer = await fetch(address);
+  if (!answer.ok) throw new Error(`${address}: ${answer.status} ${answer.statusText}`);
+  return Model.load(await answer.arrayBuffer(), NO_LINES);
+}
+
+/**
+ * Frees what the graphics card holds of models: each geometry, material and texture once.
+ * @param {Iterable<{root: import("three").Object3D}>} models
+ */
+export function release(models) {
+  /** @type {Set<{dispose(): void}>} */
+  const held = new Set();
+  for (const { root } of models) {
+    root.traverse((node) => {
+      const { geometry, material, userData } = /** @type {any} */ (node);
+      if (geometry) held.add(geometry);
+      for (const each of [material, userData.materials].flat()) {
+        if (!each) continue;
+        held.add(each);
+        for (const value of Object.values(each)) if (value?.isTexture) held.add(value);
+      }
+    });
+  }
+  for (const each of held) each.dispose();
 }
