@@ -27,7 +27,7 @@ from manip3d.phantom._diary import DiaryRecorder
 from manip3d.phantom._felt import FeltLimb
 from manip3d.phantom._live import hear
 from manip3d.phantom._messages import Inbox
-from manip3d.phantom._recorder import Pictures
+from manip3d.phantom._recorder import Pictures, Recorder
 from manip3d.phantom.games import begin
 from manip3d.rgbd import JOINTS, NOT_TRACKED, RgbdFrame
 
@@ -349,16 +349,19 @@ def test_a_notice_is_a_frame_with_words() -> None:
     assert len(found.vertices) == 0
 
 
-class Heard:
-    """A recorder that keeps everything in lists."""
+class FakeRecorder:
+    """A recorder without a diary: games are in lists, all other entries in ``told`` in order.
+
+    It permits every game, and only the message that the patient feels sick stops the session.
+    """
 
     def __init__(self) -> None:
         self.games: list[GameSummary] = []
         self.going: list[GameSummary] = []
         self.told: list[object] = []
-
-    wants_clips = False
-    trouble = ""
+        self.clips: list[Pictures] = []
+        self.wants_clips = False
+        self.trouble = ""
 
     def game(self, summary: GameSummary, clips: Sequence[Pictures]) -> None:
         self.games.append(summary)
@@ -407,6 +410,10 @@ class Heard:
     def unwell(self) -> str:
         self.told.append("unwell")
         return "You feel sick."
+
+
+def test_the_fake_recorder_is_a_recorder() -> None:
+    assert isinstance(FakeRecorder(), Recorder)
 
 
 def recorded(path: Path, **options: Any) -> DiaryRecorder:
@@ -491,8 +498,8 @@ def test_pain_that_rises_after_a_touch_cue_ends_the_play(tmp_path: Path) -> None
 
 
 def test_what_is_said_again_after_a_lost_answer_is_taken_once() -> None:
-    heard = Heard()
-    session = LiveSession("right_arm", recorder=heard)
+    recorder = FakeRecorder()
+    session = LiveSession("right_arm", recorder=recorder)
     first = {"text": "dizzy", "page": 7, "number": 1}
     for fields in (
         first,
@@ -503,7 +510,7 @@ def test_what_is_said_again_after_a_lost_answer_is_taken_once() -> None:
     ):
         session.command("event", fields)
     play(session, patient()[:1])
-    assert heard.told == ["dizzy"] * 4
+    assert recorder.told == ["dizzy"] * 4
 
 
 def test_the_page_that_was_silent_longest_is_forgotten_first() -> None:
@@ -520,7 +527,7 @@ def test_a_page_is_answered_at_once_and_again_when_it_is_kept() -> None:
     """The page learns at once that a message was taken, and later that it is on disk."""
     said: list[dict[str, int]] = []
     client: Any = SimpleNamespace(say=lambda text: said.append(json.loads(text)))
-    session = LiveSession("right_arm", recorder=Heard())
+    session = LiveSession("right_arm", recorder=FakeRecorder())
     text = json.dumps({"type": "pain", "value": 3, "page": 7, "number": 4})
     for _ in range(2):
         hear(session, client, text, lambda: "")
@@ -532,7 +539,7 @@ def test_a_page_is_answered_at_once_and_again_when_it_is_kept() -> None:
 
 
 def test_who_feels_sick_is_not_touched_any_more() -> None:
-    session = LiveSession("right_arm", recorder=Heard())
+    session = LiveSession("right_arm", recorder=FakeRecorder())
     frames = patient()
     session.command("touch", {"mode": "synchronous"})
     assert play(session, frames[:2])[-1].status["touch"] is not None
@@ -566,9 +573,9 @@ def test_an_anomaly_is_filmed_from_five_seconds_before_it(consents: bool) -> Non
     """The film of an anomaly begins five seconds before it, if the patient consents."""
     from PIL import Image
 
-    heard = Heard()
-    heard.wants_clips = consents
-    session = LiveSession("right_arm", game="bubbles-legs", recorder=heard)
+    recorder = FakeRecorder()
+    recorder.wants_clips = consents
+    session = LiveSession("right_arm", game="bubbles-legs", recorder=recorder)
     session.command("ready")
     frames = patient()
     there_and_back = [*frames[30:], *frames[-2:30:-1]]  # without a jump
@@ -577,8 +584,8 @@ def test_an_anomaly_is_filmed_from_five_seconds_before_it(consents: bool) -> Non
         time = frames[0].time_ns + number * 50_000_000
         session.process(replace(frame, time_ns=time, number=number), captured_ns=1)
     session.end()
-    (game,) = heard.games
-    going = heard.going
+    (game,) = recorder.games
+    going = recorder.going
     assert {one.ending for one in going} == {"interrupted"}
     times = [one.seconds + one.paused_s for one in going]
     assert times == pytest.approx([0.0, 10.0, 20.0][: len(times)], abs=0.1)
@@ -586,11 +593,11 @@ def test_an_anomaly_is_filmed_from_five_seconds_before_it(consents: bool) -> Non
     assert game.anomalies
     anomaly = game.anomalies[0]
     assert anomaly.end - anomaly.start >= 10.0
-    assert len(heard.clips) == len(game.anomalies)
+    assert len(recorder.clips) == len(game.anomalies)
     if not consents:
-        assert not any(heard.clips)
+        assert not any(recorder.clips)
         return
-    pictures = heard.clips[0]
+    pictures = recorder.clips[0]
     times = [seconds for seconds, _ in pictures]
     first = max(0.0, anomaly.start - 5.0)
     assert first - 1e-6 <= times[0] <= first + 0.2
@@ -605,9 +612,9 @@ def test_an_anomaly_is_filmed_from_five_seconds_before_it(consents: bool) -> Non
 
 
 def test_consent_that_is_taken_back_for_a_moment_takes_earlier_films_with_it() -> None:
-    heard = Heard()
-    heard.wants_clips = True
-    session = LiveSession("right_arm", recorder=heard)
+    recorder = FakeRecorder()
+    recorder.wants_clips = True
+    session = LiveSession("right_arm", recorder=recorder)
     session.command("ready")
     frames = patient()
     play(session, frames[:45])
@@ -618,9 +625,9 @@ def test_consent_that_is_taken_back_for_a_moment_takes_earlier_films_with_it() -
     session.command("consent", {"clips": 1})
     play(session, frames[46:50])
     session.end()
-    assert heard.wants_clips
-    assert len(heard.games[0].anomalies) == len(heard.clips) == 1
-    assert not any(heard.clips)
+    assert recorder.wants_clips
+    assert len(recorder.games[0].anomalies) == len(recorder.clips) == 1
+    assert not any(recorder.clips)
 
 
 def test_from_the_camera_to_film_diary_and_fhir(tmp_path: Path) -> None:

@@ -65,37 +65,79 @@ def test_a_log_whose_last_newline_is_missing_goes_on(tmp_path: Path) -> None:
     assert [entry["source"] for entry in report.read_log(log)] == ["a", "b", "c"]
 
 
-@pytest.mark.parametrize("tail", ["start", "brace", "zeros", "start and zeros"])
-def test_a_torn_line_is_kept_aside_and_the_log_goes_on(tmp_path: Path, tail: str) -> None:
-    log = tmp_path / "case.jsonl"
-    found = authenticate.inspect(np.zeros((0, 3), np.float32))
-    for source in "ab":
-        report.append_log(log, found, source=source)
+FOUND = authenticate.inspect(np.zeros((0, 3), np.float32))
+
+
+def log_of(path: Path, sources: str = "ab") -> Path:
+    """Return a log with an entry for each letter of ``sources``."""
+    for source in sources:
+        report.append_log(path / "case.jsonl", FOUND, source=source)
+    return path / "case.jsonl"
+
+
+@pytest.fixture(params=["start", "brace", "zeros", "start and zeros"])
+def torn_log(request: pytest.FixtureRequest, tmp_path: Path) -> tuple[Path, bytes]:
+    """A log of two entries whose third line was not written whole, and what there is of it."""
+    log = log_of(tmp_path)
     whole = log.read_bytes()
     torn = {
         "start": whole[:100], "brace": b"{", "zeros": bytes(64),
         "start and zeros": whole[:50] + bytes(9),
-    }[tail]  # fmt: skip
+    }[request.param]  # fmt: skip
     log.write_bytes(whole + torn)
+    return log, torn
+
+
+def append_after_torn(log: Path, source: str, number: int = 1) -> None:
+    """Append an entry to a log whose last line is torn, and expect the warning about it."""
+    with pytest.warns(UserWarning, match=rf"bytes, which are kept in .*torn-{number}"):
+        report.append_log(log, FOUND, source=source)
+
+
+def test_a_torn_line_is_named_by_reading_and_passes_the_check(
+    torn_log: tuple[Path, bytes],
+) -> None:
+    log, _ = torn_log
     with pytest.raises(FormatError, match="line 3: the last line is not whole"):
         report.read_log(log)
     check_log(log)
+
+
+def test_a_torn_line_is_kept_in_a_file_of_its_own(torn_log: tuple[Path, bytes]) -> None:
+    log, torn = torn_log
+    whole = log.read_bytes().removesuffix(torn)
     with pytest.warns(UserWarning, match=f"after {len(torn)} bytes, which are kept in .*torn-1"):
-        report.append_log(log, found, source="c")
+        report.append_log(log, FOUND, source="c")
     assert log.read_bytes().startswith(whole)
-    assert (tmp_path / "case.jsonl.torn-1").read_bytes() == torn
-    report.append_log(log, found, source="d")
+    assert log.with_name("case.jsonl.torn-1").read_bytes() == torn
+
+
+def test_a_log_goes_on_after_a_torn_line_and_states_it(torn_log: tuple[Path, bytes]) -> None:
+    log, torn = torn_log
+    append_after_torn(log, "c")
+    report.append_log(log, FOUND, source="d")
     entries = report.read_log(log)
     assert [entry["source"] for entry in entries] == ["a", "b", "c", "d"]
     sha256 = hashlib.sha256(torn).hexdigest()
     mark = {"bytes": len(torn), "sha256": sha256, "kept": "case.jsonl.torn-1"}
     assert [entry.get("torn_line") for entry in entries] == [None, None, mark, None]
+
+
+def test_a_second_torn_line_gets_another_file(torn_log: tuple[Path, bytes]) -> None:
+    log, torn = torn_log
+    append_after_torn(log, "c")
     log.write_bytes(log.read_bytes() + torn)
-    with pytest.warns(UserWarning, match="torn-2"):
-        report.append_log(log, found, source="e")
+    append_after_torn(log, "d", number=2)
+    for number in (1, 2):
+        assert log.with_name(f"case.jsonl.torn-{number}").read_bytes() == torn
+    assert [entry["source"] for entry in report.read_log(log)] == ["a", "b", "c", "d"]
+
+
+def test_a_last_line_that_no_entry_begins_with_is_no_torn_line(tmp_path: Path) -> None:
+    log = log_of(tmp_path)
     log.write_bytes(log.read_bytes() + b"what no log begins with")
-    with pytest.raises(FormatError, match="line 6: not an entry"):
-        report.append_log(log, found, source="f")
+    with pytest.raises(FormatError, match="line 3: not an entry"):
+        report.append_log(log, FOUND, source="c")
 
 
 def test_a_full_disk_leaves_a_torn_line_in_its_place(
