@@ -57,9 +57,9 @@ _STILL = (0.0, 0.0, 0.0)
 _READ = ("watermark", "cross-modal")  # witnesses that need more files than the scan
 _JUDGED = {"authentic", "no_trace", "tampered"}  # verdicts that tell something of the frame
 _RECENT = 10
-"""Number of latest calls of a witness whose quickest is its cost: one second of a scanner's frames.
-The first call also loads what it needs, so that a few are wanted; a computer that becomes slower is
-noticed after as many."""
+"""The cost of a witness is the shortest of so many last verdicts, which is a second of frames. One
+alone would not do, because the first also loads what it needs; all would not do, because a computer
+that becomes slower would never be noticed."""
 _OF_ACCUSED = "forensics of accused frames"  # key of the time at which such a frame was judged
 
 _log = logging.getLogger("manip3d")
