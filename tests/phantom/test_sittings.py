@@ -577,7 +577,7 @@ def test_a_rest_after_midnight_ends_the_sitting_of_the_day_before(
 ) -> None:
     night = datetime(2026, 5, 1, 23, 50).astimezone()
     now = night
-    monkeypatch.setattr(_sitting, "_now", lambda: now)
+    monkeypatch.setattr(_sitting, "local_now", lambda: now)
     patient = _sitting.Sitting(None)
     assert not patient.hear()
     if is_halted:
