@@ -179,7 +179,8 @@ class LidarFrame(Showable):
     num_dropped : int
         Number of points of the file without coordinates (NaN), which are not in ``points``.
     file_rows : (N,) int64 or None
-        Row of each point in the file, if points were dropped; None: the same row as here.
+        Row of each point in the file, or in the frame that was made first; -1: a new point. None:
+        the same row as here, because no point was dropped, left out or moved to another row.
 
     Raises
     ------
@@ -278,7 +279,7 @@ class LidarFrame(Showable):
         return _replace(self, **changes)
 
     def select(self, rows: ArrayLike) -> LidarFrame:
-        """Return the frame with some of its points.
+        """Return the frame with some of its points, whose `file_rows` are kept.
 
         Parameters
         ----------
@@ -315,7 +316,8 @@ class LidarFrame(Showable):
                 f"rows: expected values in [{-count}, {count - 1}], "
                 f"got {index.min()} to {index.max()}"
             )
-        return self._taken(lambda values: values[index])
+        own = _own_rows(self, index)
+        return self._taken(lambda values: values[index], None if own is None else own[index])
 
     def with_points(
         self,
@@ -331,7 +333,8 @@ class LidarFrame(Showable):
         points : (M, 3) float32
             The new points. A warning is raised if float32 rounds them by more than a millimetre.
         source_index : (M,) integers
-            Row of each point in this frame; -1: a new point, whose other columns are 0.
+            Row of each point in this frame; -1: a new point, whose other columns are 0, and whose
+            ``file_rows`` is -1.
         intensity : (M,) float32, optional
             Intensity of each point; default: that of its source point.
 
@@ -363,7 +366,9 @@ class LidarFrame(Showable):
             taken[added] = 0
             return taken
 
-        frame = self._taken(carried)
+        own = _own_rows(self, index)
+        file_rows = None if own is None else np.where(added, -1, own[safe] if len(own) else -1)
+        frame = self._taken(carried, file_rows)
         exact = None
         if frame.exact is not None:
             exact = frame.exact.copy()
@@ -373,7 +378,6 @@ class LidarFrame(Showable):
             points=new,
             exact=exact,
             intensity=frame.intensity if intensity is None else intensity,
-            file_rows=None,  # new points have no row in the file
         )
 
     def write(self, path: str | os.PathLike[str]) -> None:
@@ -382,15 +386,15 @@ class LidarFrame(Showable):
 
         write_scan(self, path)
 
-    def _taken(self, take: Any) -> LidarFrame:
-        """The frame with ``take`` applied to every array of rows."""
+    def _taken(self, take: Any, file_rows: NDArray[np.int64] | None) -> LidarFrame:
+        """The frame with ``take`` applied to every array of rows but ``file_rows``."""
         named = {
             name: take(values)
-            for name in ("points", "intensity", "ring", "exact", "file_rows")
+            for name in ("points", "intensity", "ring", "exact")
             if (values := getattr(self, name)) is not None
         }
         fields = {name: take(values) for name, values in self.fields.items()}
-        return self.replace(fields=fields, **named)
+        return self.replace(fields=fields, file_rows=file_rows, **named)
 
     def __repr__(self) -> str:
         parts = [counted(self.num_points, "point")]
@@ -401,6 +405,20 @@ class LidarFrame(Showable):
         if self.fields:
             parts.append(", ".join(self.fields))
         return f"<manip3d.LidarFrame: {'; '.join(parts)}>"
+
+
+def _own_rows(frame: LidarFrame, index: NDArray[Any]) -> NDArray[np.int64] | None:
+    """Return the rows of the file of all points of a frame; None if ``index`` changes no row."""
+    if frame.file_rows is not None:
+        return frame.file_rows.astype(np.int64, copy=False)
+    return None if _is_identity(index, frame.num_points) else np.arange(frame.num_points)
+
+
+def _is_identity(index: NDArray[Any], count: int) -> bool:
+    """Return whether a mask or row numbers take all rows of a frame, in their order."""
+    if index.dtype == np.bool_:
+        return bool(index.all())
+    return len(index) == count and bool((index == np.arange(count)).all())
 
 
 def _is_mask_of_bytes(rows: NDArray[Any], count: int) -> bool:

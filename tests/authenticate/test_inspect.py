@@ -1709,6 +1709,23 @@ def test_suspected_rows_are_those_of_the_file(tmp_path: Path) -> None:
         np.testing.assert_allclose(stored[int(row)], np.float32(place), atol=1e-4)
 
 
+@pytest.mark.parametrize("has_new", [False, True])
+def test_suspected_rows_of_a_scan_with_new_points_are_those_of_the_scan(
+    tmp_path: Path, has_new: bool
+) -> None:
+    """A selected scan has the rows of its file; points of no file have rows in the scan only."""
+    first = LidarFrame(np.concatenate([np.ones((1000, 3), np.float32), FORGED]))
+    scan = first.select(np.arange(1000, first.num_points))
+    if has_new:
+        source_index = np.r_[np.arange(len(FORGED) - 1), -1]
+        scan = scan.with_points(FORGED, source_index=source_index)
+    found = authenticate.inspect(scan, origin=(0, 0, 0))
+    report.write_suspected_rows(found, tmp_path / "rows.csv")
+    lines = (tmp_path / "rows.csv").read_text().splitlines()[1:]
+    rows = found.suspected if has_new else found.suspected + 1000
+    assert {int(line.split(",")[0]) for line in lines} == set(rows.tolist())
+
+
 def test_a_scan_without_a_position_is_undecidable() -> None:
     found = authenticate.inspect(np.zeros((0, 3), np.float32))
     assert found.verdict == "undecidable"

@@ -16,6 +16,7 @@ import pytest
 from manip3d import FormatError, InputError, LidarFrame, MissingExtraError, capture
 from manip3d.cli.kinds import OtherKindError, expect_kind
 from manip3d.io import read_mesh, read_scan, write_scan
+from manip3d.io._scan_tables import grid_of
 from manip3d.lidar import ScanFormat
 
 
@@ -653,13 +654,57 @@ def test_rows_of_the_file_are_known_where_points_were_dropped(tmp_path: Path) ->
     assert some.file_rows is not None
     assert some.file_rows.tolist() == [3, 0]
     added = frame.with_points(np.zeros((2, 3), np.float32), source_index=[-1, 2])
-    assert added.file_rows is None
+    assert added.file_rows is not None
+    assert added.file_rows.tolist() == [-1, 3]
     with pytest.raises(InputError, match="file_rows: expected integers"):
         frame.replace(file_rows=np.zeros(3))
     with pytest.raises(InputError, match="file_rows: expected 3 rows"):
         frame.replace(file_rows=np.zeros(2, np.int64))
     np.zeros((3, 4), np.float32).tofile(tmp_path / "a.bin")
     assert read_scan(tmp_path / "a.bin").file_rows is None
+
+
+def organised_pcd(path: Path, dropped: int | None = None) -> LidarFrame:
+    """An organised cloud of 4 x 5 pixels, one of them perhaps without a return."""
+    points = np.arange(60, dtype=np.float32).reshape(20, 3)
+    if dropped is not None:
+        points[dropped] = np.nan
+    rows = "".join(f"{x} {y} {z}\n" for x, y, z in points.tolist())
+    path.write_text(
+        "VERSION 0.7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\nWIDTH 5\nHEIGHT 4\n"
+        f"VIEWPOINT 0 0 0 1 0 0 0\nPOINTS 20\nDATA ascii\n{rows}"
+    )
+    return read_scan(path)
+
+
+@pytest.mark.parametrize("dropped", [None, 7])
+def test_a_cloud_in_another_order_has_no_grid(tmp_path: Path, dropped: int | None) -> None:
+    frame = organised_pcd(tmp_path / "organised.pcd", dropped)
+    count = frame.num_points
+    moved = frame.points + np.float32(0.5)
+    in_order = np.arange(count)
+    twice = np.maximum(in_order, 1)
+    for rows in (in_order, in_order.astype(np.uint64), in_order - count, in_order >= 0):
+        assert grid_of(frame.select(rows)) == (4, 5)
+    assert grid_of(frame.with_points(moved, source_index=in_order)) == (4, 5)
+    for rows in (in_order[::-1], twice, in_order[::-1] - count):
+        assert grid_of(frame.select(rows)) is None
+    for rows in (in_order[::-1], twice, in_order - 1):
+        changed = frame.with_points(moved, source_index=rows)
+        assert grid_of(changed) is None
+        changed.write(tmp_path / "changed.pcd")
+        assert b"HEIGHT 1\n" in (tmp_path / "changed.pcd").read_bytes()
+
+
+def test_selected_points_keep_their_rows_of_the_file(tmp_path: Path) -> None:
+    frame = organised_pcd(tmp_path / "organised.pcd")
+    assert frame.select(np.ones(20, np.bool_)).file_rows is None
+    last = frame.select(frame.points[:, 0] > 50)
+    assert last.file_rows is not None
+    assert last.file_rows.tolist() == [17, 18, 19]
+    once_more = last.select(np.array([2, 0], np.uint8))
+    assert once_more.file_rows is not None
+    assert once_more.file_rows.tolist() == [19, 17]
 
 
 def pcd_of(path: Path, names: str, rows: np.ndarray) -> Path:

@@ -734,8 +734,13 @@ def grid_of(frame: LidarFrame) -> tuple[int, int] | None:
     height, width = sizes.get("height", 1), sizes.get("width", 0)
     is_whole = height * width == frame.num_points + frame.num_dropped
     rows = frame.file_rows
-    in_order = frame.num_dropped == 0 if rows is None else bool((np.diff(rows) > 0).all())
+    in_order = frame.num_dropped == 0 if rows is None else _ascend_from_0(rows)
     return (height, width) if min(height, width) > 1 and is_whole and in_order else None
+
+
+def _ascend_from_0(rows: NDArray[np.int64]) -> bool:
+    """Return whether rows of a file are in its order; a new point has -1."""
+    return bool((np.diff(rows, prepend=-1) > 0).all())
 
 
 def kept_grid(frame: LidarFrame, layout: ScanFormat) -> tuple[int, int] | None:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import os
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from manip3d._util.checked import checked
 from manip3d._util.paths import path_of
 from manip3d.errors import InputError
@@ -12,7 +14,6 @@ from manip3d.io._files import atomic_write
 from manip3d.lidar import LidarFrame, map_shift
 
 if TYPE_CHECKING:
-    import numpy as np
     from numpy.typing import NDArray
 
     from manip3d.authenticate import Inspection
@@ -70,9 +71,10 @@ def write_suspected_rows(inspection: Inspection, output: str | os.PathLike[str])
         The result of `manip3d.authenticate.inspect`.
     output : path
         Output file that ends in ``.csv``, with these columns: row in the scan's file (from 0;
-        points without coordinates, which are dropped on reading, are counted), x, y, z in metres
-        (coordinates of a map as in the file), detector, region (from 1), p-value, and a note if
-        the points may be those that were measured (`Region.note`). An existing file is replaced.
+        points without coordinates, which are dropped on reading, are counted; row in the scan, if
+        it has points that its file lacks), x, y, z in metres (coordinates of a map as in the file),
+        detector, region (from 1), p-value, and a note if the points may be those that were measured
+        (`Region.note`). An existing file is replaced.
 
     Raises
     ------
@@ -95,17 +97,22 @@ def write_suspected_rows(inspection: Inspection, output: str | os.PathLike[str])
     if inspection.scan is None:
         raise InputError("inspection: expected one with its scan")
     lines = ["row,x,y,z,detector,region,p_value,note"]
-    in_file = inspection.scan.file_rows
+    in_file = _rows_in_file(inspection.scan)
     for report in inspection.detectors:
         for number, region in enumerate(report.regions, 1):
             p_value = "" if region.p_value is None else f"{region.p_value:.3e}"
             points = _in_file(inspection.scan, region.rows).tolist()
-            rows = region.rows if in_file is None else in_file[region.rows]
             lines += [
                 f"{row},{x:.4f},{y:.4f},{z:.4f},{report.name},{number},{p_value},{region.note}"
-                for row, (x, y, z) in zip(rows.tolist(), points, strict=True)
+                for row, (x, y, z) in zip(in_file[region.rows].tolist(), points, strict=True)
             ]
     atomic_write(path, "\n".join(lines) + "\n")
+
+
+def _rows_in_file(scan: LidarFrame) -> NDArray[np.int64]:
+    """Return the file's row of each point; the rows of the scan if it has points of no file."""
+    rows = scan.file_rows
+    return np.arange(scan.num_points) if rows is None or (rows < 0).any() else rows
 
 
 def _in_file(
