@@ -63,6 +63,20 @@ def test_stable_meshes_depend_on_the_frames_before(frames: list[RgbdFrame], tmp_
     assert kept[1] > 2 * kept[0]
 
 
+def test_frames_of_one_number_do_not_replace_each_other(
+    frames: list[RgbdFrame], tmp_path: Path
+) -> None:
+    without = [replace(frame, number=0) for frame in frames]
+    without[1] = replace(without[1], depth=np.zeros_like(without[1].depth))
+    made = simplify.simplify_recording(without, tmp_path / "places", OPTIONS)
+    assert [result.output.name for result in made.frames] == ["000000.glb", "000002.glb"]
+    assert list(made.failed) == [1]
+    twice = [replace(frame, number=number) for frame, number in zip(frames, (3, 4, 3), strict=True)]
+    with pytest.raises(InputError, match="expected one frame of each number, got two of 3"):
+        simplify.simplify_recording(twice, tmp_path / "twice", OPTIONS)
+    assert len(list((tmp_path / "twice").iterdir())) == 2
+
+
 def test_frames_without_a_surface_are_named(frames: list[RgbdFrame], tmp_path: Path) -> None:
     blind = replace(frames[1], depth=np.zeros_like(frames[1].depth))
     made = simplify.simplify_recording([frames[0], blind, frames[2]], tmp_path, OPTIONS)

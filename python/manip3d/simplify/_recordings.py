@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -68,7 +68,8 @@ def simplify_recording(
         images that no file states.
     output : path-like
         Folder of the meshes, which is created. Files are named by the frames' numbers,
-        ``000000.glb``, ...; existing files of these names are replaced.
+        ``000000.glb``, ...; existing files of these names are replaced. Frames that all have the
+        number 0, which is the default, are numbered by their places.
     options : DepthOptions
         Options without camera and unit, which the frames contain.
     stable : bool
@@ -93,7 +94,8 @@ def simplify_recording(
     ------
     InputError
         ``options`` with a camera, a unit or a bandwidth, ``stable`` with another method than
-        ``relief``, ``num_frames`` below 1, or no frame.
+        ``relief``, ``num_frames`` below 1, no frame, or two frames of one number. Meshes that were
+        written stay.
     FormatError
         The recording is damaged, or no frame has a surface. Meshes that were written stay.
     OSError
@@ -125,15 +127,15 @@ def simplify_recording(
     done: list[DepthFileResult] = []
     failed: dict[int, str] = {}
     with reporting(progress, "simplify") as report:
-        for count, frame in enumerate(frames, 1):
+        for count, (number, frame) in enumerate(_with_numbers(frames), 1):
             folder.mkdir(parents=True, exist_ok=True)
-            name = f"{frame.number:06}"
+            name = f"{number:06}"
             maps = Maps(frame.color, registration=frame.calibration.registration)
             image = DepthInput(frame.depth, frame.calibration.depth, maps, Path(name), unit="mm")
             try:
                 done.append(from_depth(image, folder / f"{name}{_SUFFIX}", options, take))
             except FormatError as error:
-                failed[frame.number] = error.reason
+                failed[number] = error.reason
             if report is not None:
                 report(min(1.0, count / total) if total else 0.0)
             if count == num_frames:
@@ -150,6 +152,19 @@ def simplify_recording(
     if replace:
         _remove_others(folder, {result.output.name for result in done})
     return RecordingResult(tuple(done), failed)
+
+
+def _with_numbers(frames: Iterable[RgbdFrame]) -> Iterator[tuple[int, RgbdFrame]]:
+    """Yield each frame after its number, or after its place as long as all have the number 0."""
+    taken: set[int] = set()
+    are_numbered = False
+    for place, frame in enumerate(frames):
+        are_numbered = are_numbered or frame.number != 0
+        number = frame.number if are_numbered else place
+        if number in taken:
+            raise InputError(f"frames: expected one frame of each number, got two of {number}")
+        taken.add(number)
+        yield number, frame
 
 
 def _remove_others(folder: Path, written: set[str]) -> None:
