@@ -218,6 +218,30 @@ def test_a_recording_becomes_a_drive(tmp_path: Path) -> None:
     )
 
 
+def test_a_drive_that_is_replaced_holds_no_scan_of_the_earlier_one(tmp_path: Path) -> None:
+    drive = tmp_path / "drive"
+    run("convert", recording(tmp_path / "a.pcap"), "-o", drive)
+    (drive / "velodyne" / "notes.txt").write_text("kept")
+    scan().write(tmp_path / "a.bin")  # a scan without a time
+    done = manip3d("convert", str(tmp_path / "a.bin"), "-o", str(drive), "--force")
+    assert f"wrote 1 scan to {drive}{os.sep}" in done.stderr
+    assert sorted(p.name for p in drive.iterdir()) == ["velodyne"]
+    assert sorted(p.name for p in (drive / "velodyne").iterdir()) == ["000000.bin", "notes.txt"]
+
+
+@pytest.mark.parametrize("source", ["drive", "kitti:drive", "drive/velodyne/000100.bin"])
+def test_a_drive_is_not_converted_within_its_own_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, source: str
+) -> None:
+    """Scans whose numbers are higher than those of the result would be removed."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "drive" / "velodyne").mkdir(parents=True)
+    scan().write(tmp_path / "drive" / "velodyne" / "000100.bin")
+    said = run("convert", source, "-o", "drive", "--force", code=1)
+    assert "expected another folder than that of the scans" in said
+    assert (tmp_path / "drive" / "velodyne" / "000100.bin").is_file()
+
+
 def test_view_writes_a_picture(tmp_path: Path) -> None:
     pytest.importorskip("pyvista")
     scan().write(tmp_path / "a.bin")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import os
+import re
 from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, Any
 
@@ -25,6 +26,9 @@ if TYPE_CHECKING:
 
 _MAX_TOLD = 8
 """Largest number of column names in a message."""
+
+_SCANS, _TIMES = "velodyne", "times.txt"
+"""Names in KITTI's layout of the folder of scans and of the file of their times."""
 
 _ON_MAP = 1e5
 """Coordinates from this on are those of a map, and six digits of them are no centimetres."""
@@ -202,7 +206,8 @@ def convert(source: str, output: Path, terminal: Terminal, calibration: Path | N
     Raises
     ------
     InputError
-        There are several scans, and the format of ``output`` holds only one.
+        There are several scans, and the format of ``output`` holds only one; or ``output`` is the
+        folder of the scans.
     """
     from manip3d import io
     from manip3d.io._scan_files import names_left_out
@@ -210,6 +215,7 @@ def convert(source: str, output: Path, terminal: Terminal, calibration: Path | N
     scans = frames(source, terminal, calibration)
     suffix = scan_suffix(output)
     if not suffix:
+        _expect_other_folder(source, output)
         _write_folder(scans, output, terminal)
         return
     found = [_measured(scan, suffix, terminal) for scan in scans]
@@ -226,6 +232,13 @@ def convert(source: str, output: Path, terminal: Terminal, calibration: Path | N
         [name for scan in found for name in names_left_out(scan, suffix)], suffix, terminal
     )
     terminal.say(f"wrote {output}")
+
+
+def _expect_other_folder(source: str, output: Path) -> None:
+    """Raise InputError if the scans are read from the folder in which they would be replaced."""
+    place, folder = Path(source.removeprefix("kitti:")).resolve(), output.resolve()
+    if place == folder or place.is_relative_to(folder / _SCANS):
+        raise InputError(f"-o {output}: expected another folder than that of the scans")
 
 
 def _measured(scan: LidarFrame, suffix: str, terminal: Terminal) -> LidarFrame:
@@ -283,12 +296,15 @@ def _map_losses(scan: LidarFrame, suffix: str) -> Iterator[str]:
 
 
 def _write_folder(scans: Iterator[LidarFrame], output: Path, terminal: Terminal) -> None:
-    """Write ``velodyne/000000.bin`` and so on, and ``times.txt`` if all scans have times."""
+    """Write ``velodyne/000000.bin`` and so on, and ``times.txt`` if all scans have times.
+
+    What an earlier run wrote there beyond these files is removed.
+    """
     from manip3d.io._files import atomic_write
     from manip3d.io._scan_files import names_left_out
     from manip3d.io._scan_tables import lost_pose
 
-    folder = output / "velodyne"
+    folder = output / _SCANS
     count_written, times = 0, []
     left_out: dict[str, None] = {}
     told: set[tuple[Any, ...]] = set()
@@ -311,10 +327,21 @@ def _write_folder(scans: Iterator[LidarFrame], output: Path, terminal: Terminal)
                 times.append(f"{scan.time_ns // SECOND_NS}.{scan.time_ns % SECOND_NS:09d}\n")
     except FormatError as error:  # the recording is damaged: the scans before that stay
         damage = error
-    if times and len(times) == count_written:
-        atomic_write(output / "times.txt", "".join(times))
+    if count_written:
+        _remove_later(folder, count_written)
+        if len(times) == count_written:
+            atomic_write(output / _TIMES, "".join(times))
+        else:
+            (output / _TIMES).unlink(missing_ok=True)
     _tell_left_out(list(left_out), ".bin", terminal)
     if count_written or damage is None:
-        terminal.say(f"wrote {count_written} scans to {output}{os.sep}")
+        terminal.say(f"wrote {counted(count_written, 'scan')} to {output}{os.sep}")
     if damage is not None:
         raise damage
+
+
+def _remove_later(folder: Path, count_written: int) -> None:
+    """Remove the scans of an earlier run with more scans, which would seem to be of this one."""
+    for old in sorted(folder.iterdir()):
+        if re.fullmatch(r"[0-9]{6,}\.bin", old.name) and int(old.stem) >= count_written:
+            old.unlink()
