@@ -680,6 +680,17 @@ def test_what_was_judged_counts_though_it_cannot_be_shown(
     assert "not kept: [Errno 28]" in json.loads(done.stdout)["reason"]
 
 
+def test_names_in_the_live_table_are_no_markup() -> None:
+    stream = io.StringIO()
+    view = _View(Terminal(quiet=True), "drive[/b]", 1)
+    console = Console(file=stream, force_terminal=True, color_system=None, width=120)
+    view._live = Live(console=console, auto_refresh=False)
+    with view._live:
+        view.show(AlertMonitor().skip("too [red]late"))
+    assert "drive[/b]: frame 1 of 1" in stream.getvalue()
+    assert "too [red]late" in stream.getvalue()
+
+
 @pytest.mark.parametrize("is_closed", [False, True])
 def test_a_terminal_that_cannot_print_ends_no_drive(is_closed: bool) -> None:
     stream = io.TextIOWrapper(io.BytesIO(), encoding="ascii")

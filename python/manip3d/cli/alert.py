@@ -374,7 +374,8 @@ class _View:
             from rich.console import Console
             from rich.live import Live
 
-            self._live = Live(console=Console(stderr=True), transient=True, auto_refresh=False)
+            console = Console(stderr=True, markup=False, emoji=False)
+            self._live = Live(console=console, transient=True, auto_refresh=False)
             try:
                 self._live.__enter__()
             except (OSError, ValueError):
@@ -396,16 +397,18 @@ class _View:
         if self._live is None:
             return
         from rich.table import Table
+        from rich.text import Text
 
         self._recent = [*self._recent[-14:], _row(alert.record())]
         total = f" of {self._total}" if self._total else ""
-        grid = Table(title=f"{self._source}: frame {alert.number + 1}{total}", box=None)
+        title = f"{self._source}: frame {alert.number + 1}{total}"
+        grid = Table(title=Text(title, style="table.title"), box=None)
         for name in _COLUMNS:
             grid.add_column(name)
         for row in self._recent:
             verdict = row[_COLUMNS.index("verdict")]
             style = {"tampered": "red", "undecidable": "yellow"}.get(verdict, "")
-            grid.add_row(*row, style=style)
+            grid.add_row(*(Text(cell) for cell in row), style=style)
         try:
             self._live.update(grid, refresh=True)
         # The terminal was closed, or cannot encode the text; the drive is still judged.

@@ -287,7 +287,7 @@ def show_participant(path: File, participant: Who, key: Key = None, as_json: Jso
     def show(console: Console) -> None:
         limb = printable(f", {person.limb.replace('_', ' ')}") if person.limb else ""
         told = f"{person.identifier}{limb}, enrolled {dated(person.enrolled)}"
-        console.print(told, markup=False)
+        console.print(told)
         console.print(
             f"{done.complete} of {done.expected} sessions complete in {counted(done.days, 'day')}, "
             f"{done.partial} more in part{_left_out(done.simulated)}"
@@ -323,7 +323,7 @@ def _show_answers(console: Console, answers: Answers, mode: str) -> None:
     told = ", ".join(f"{name} {score:.4g}" for name, score in answers.scores.items())
     occasion = f"{mode} touch" if mode else answers.occasion
     title = f"{answers.questionnaire.name}, {occasion}, {dated(answers.at)}"
-    console.print(printable(f"{title}: {told}"), markup=False)
+    console.print(printable(f"{title}: {told}"))
 
 
 def _show_felt(console: Console, felt: FeltRecord) -> None:
@@ -332,13 +332,13 @@ def _show_felt(console: Console, felt: FeltRecord) -> None:
         f"felt limb{limb}, {dated(felt.at)}: {felt.length} % long, "
         f"{felt.telescoping} % telescoped, raised {felt.raised} and bent {felt.bent} degrees"
     )
-    console.print(printable(told), markup=False)
+    console.print(printable(told))
 
 
 def _show_event(console: Console, event: AdverseEvent) -> None:
     kind = "" if event.kind == "other" else f" ({event.kind})"
     told = f"adverse event, {dated(event.at)}{kind}: {event.text}"
-    console.print(printable(told), markup=False)
+    console.print(printable(told))
 
 
 @app.command("rate")

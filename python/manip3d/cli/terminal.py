@@ -108,10 +108,14 @@ class Terminal:
 
     @property
     def out(self) -> Console:
-        """Console for results in readable form, on stdout."""
+        """Console for results in readable form, on stdout.
+
+        Brackets and colons are no markup, because they may be those of the user's names.
+        """
         from rich.console import Console
 
-        return Console(highlight=False, width=None if sys.stdout.isatty() else 1000)
+        width = None if sys.stdout.isatty() else 1000
+        return Console(highlight=False, markup=False, emoji=False, width=width)
 
     def say(self, message: str) -> None:
         """Print a message to stderr, unless ``quiet``."""
@@ -173,11 +177,11 @@ class Terminal:
         from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
         columns = (
-            TextColumn("{task.description}"),
+            TextColumn("{task.description}", markup=False),
             BarColumn(),
             TextColumn("{task.percentage:>3.0f} %"),
             TimeRemainingColumn(),
-            TextColumn("[dim]{task.fields[message]}"),
+            TextColumn("{task.fields[message]}", style="dim", markup=False),
         )
         with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
             task = bar.add_task(title, total=1.0, message="")
@@ -193,6 +197,8 @@ def table(console: Console, rows: Sequence[Sequence[str]], header: Sequence[str]
     from rich.table import Table
     from rich.text import Text
 
+    if not rows and not header:
+        return
     grid = Table(box=None, show_header=bool(header), pad_edge=False, header_style="bold")
     names = list(header) or [""] * len(rows[0])
     last = len(names) - 1
@@ -203,7 +209,7 @@ def table(console: Console, rows: Sequence[Sequence[str]], header: Sequence[str]
         if not numeric:
             width = min(width, _LEAST_WIDTH)
         grid.add_column(
-            name,
+            Text(name),
             justify="right" if numeric and column else "left",
             min_width=width if column < last else None,
         )
@@ -217,7 +223,7 @@ _LEAST_WIDTH = 40
 
 
 def _is_number(cell: str) -> bool:
-    return cell[:1].isdigit() or cell in ("", "-")
+    return cell.removeprefix("-")[:1].isdigit() or cell in ("", "-")
 
 
 def with_force(text: str) -> str:
