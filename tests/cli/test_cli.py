@@ -982,6 +982,40 @@ def test_an_empty_name_is_no_folder(tmp_path: Path) -> None:
     assert line.endswith("source: expected a file, a folder or an address, got ''")
 
 
+def test_names_with_brackets_and_colons_are_no_markup(tmp_path: Path) -> None:
+    """A bracket was taken for a style, or ended in an error."""
+    mesh = exact_models.ball(5)
+    for name in ("glass[red]pane", "a[/b]", ":smile:"):
+        materials = [Material(name)]
+        path = tmp_path / "head[old].obj"
+        mesh.replace(materials=materials, face_material=[0] * mesh.num_faces).write(path)
+        printed = manip3d("info", path).stdout
+        assert name in printed
+        assert "head[old].obj" in printed
+
+
+def test_a_column_with_negative_numbers_is_right_aligned(capsys: pytest.CaptureFixture) -> None:
+    rows = [("a", "1.5", "m"), ("b", "-12.25", "m"), ("c", "", "m")]
+    table(Terminal().out, rows, ("name", "value", "unit"))
+    lines = capsys.readouterr().out.splitlines()
+    assert [line.index("m", 4) for line in lines[1:]] == [lines[0].index("unit")] * 3
+    assert lines[1].index("1.5") + len("1.5") == lines[2].index("-12.25") + len("-12.25")
+    table(Terminal().out, [])
+    assert not capsys.readouterr().out
+
+
+def test_outputs_are_named_where_lower_case_is_longer(tmp_path: Path) -> None:
+    """The lower case of a dotted capital I has two characters."""
+    names = ("\u0130stanbul.obj", "\u0130\u0130.OBJ.gz")
+    mesh = exact_models.ball(5)
+    for name in names:
+        mesh.write(tmp_path / name)
+    manip3d("convert", *(tmp_path / name for name in names), "--to", ".glb", "-o", tmp_path / "out",
+            *("--jobs", "1"))  # fmt: skip
+    made = sorted(path.name for path in (tmp_path / "out").glob("*.glb"))
+    assert made == ["\u0130stanbul.glb", "\u0130\u0130.glb"]
+
+
 def test_long_texts_wrap_where_the_numbers_beside_them_need_the_room() -> None:
     text = StringIO()
     rows = [("points removed", "10%", "4 of 40"), ("a class with a long name " * 6, "0%", "none")]

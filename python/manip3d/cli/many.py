@@ -196,10 +196,13 @@ class Many:
     def rename(self, relative: str) -> str:
         """Return the name of an output for that of its source."""
         path = PurePosixPath(relative)
-        plain = path.name.lower().removesuffix(".xz").removesuffix(".gz")
+        lower = path.name.lower()
+        plain = lower.removesuffix(".xz").removesuffix(".gz")
         known = sorted({*self.suffixes, *self.writable}, key=len, reverse=True)
         suffix = next((s for s in known if plain.endswith(s)), "")
-        stem = path.name[: plain.rindex(suffix)] if suffix else path.name
+        # Counted from the end, because lower-case letters before it can be longer than capitals.
+        num_after = len(lower) - len(plain) + len(suffix)
+        stem = path.name[:-num_after] if suffix else path.name
         new = self.to or (suffix if suffix in self.writable else self.otherwise)
         return str(path.with_name(stem + new)) if new else relative
 
