@@ -158,6 +158,12 @@ def test_outputs_of_others_and_options_of_one_drive_are_refused(
     for option, value in (("state", "s"), ("report", "r.json"), ("record", "r.wm")):
         done = run("watermark", "verify", str(fleet), "--key", str(key), f"--{option}", value)
         assert f"--{option}: can only be given with one scan or drive" in done.stderr
+        one = str(fleet / "monday" / "car_a")
+        done = run("watermark", "verify", one, "--key", str(key), f"--{option}", value,
+                   "--table", str(tmp_path / "table.csv"))  # fmt: skip
+        assert f"--{option}: cannot be given with --table, --to or --dask" in done.stderr
+    done = run("alert", "run", one, "--key", str(key), "--state", "s", "--to", ".json", "-o", "o")
+    assert "--state: cannot be given with --table, --to or --dask" in done.stderr
     done = run("watermark", "verify", "s3://bucket/drives", str(fleet), "--key", str(key))
     assert "expected a drive on this machine" in done.stderr
     (tmp_path / "empty").mkdir()

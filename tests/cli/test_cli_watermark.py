@@ -22,6 +22,7 @@ import manip3d
 from manip3d.authenticate import KeyFile, Watermarked, Watermarker, _watermark_drives, embed_files
 from manip3d.cli import main
 from manip3d.cli.terminal import Terminal
+from manip3d.cli.watermark import _write_private
 from manip3d.errors import FormatError, InputError
 from manip3d.io._scan_tables import grid_of
 
@@ -99,6 +100,36 @@ def signed(key: Path, drive: Path, tmp_path: Path) -> Path:
 def verify(source: Path, key: Path, *more: object) -> tuple[int, dict[str, object]]:
     done = run("verify", source, "--key", key, "--json", "-q", *more)
     return done.exit_code, json.loads(done.stdout) if done.stdout.startswith("{") else {}
+
+
+def test_a_report_changes_the_mode_of_regular_files_only(tmp_path: Path) -> None:
+    """The report of an administrator to /dev/null closed that device for all others."""
+    file, pipe = tmp_path / "report.json", tmp_path / "pipe"
+    file.touch(0o644)
+    os.mkfifo(pipe)
+    pipe.chmod(0o666)
+    descriptor = os.open(pipe, os.O_RDWR)
+    for path in (file, pipe):
+        _write_private(path, {"rows": [1]})
+    assert json.loads(os.read(descriptor, 100)) == json.loads(file.read_text())
+    os.close(descriptor)
+    assert file.stat().st_mode & 0o777 == 0o600
+    assert pipe.stat().st_mode & 0o777 == 0o666
+
+
+def test_the_verdict_is_printed_although_the_report_cannot_be_written(
+    key: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scan(1).write(tmp_path / "a.bin")
+    run("embed", tmp_path / "a.bin", "--key", key, "-o", tmp_path / "signed.bin")
+
+    def full(path: Path, value: object) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path))
+
+    monkeypatch.setattr("manip3d.cli.watermark._write_private", full)
+    done = run("verify", tmp_path / "signed.bin", "--key", key, "--report", tmp_path / "r.json")
+    assert isinstance(done.exception, OSError)
+    assert done.stdout.startswith("authentic:")
 
 
 def frame_of(folder: Path, number: int) -> Path:

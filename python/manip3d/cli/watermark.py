@@ -182,10 +182,16 @@ def key_of(options: Mapping[str, Any]) -> str:
 def of_one_only(
     files: Sequence[SourceFile], options: Mapping[str, Any]
 ) -> Mapping[str, Mapping[str, Any]]:
-    """Refuse options that apply to a single source only."""
+    """Refuse options that apply to a single source only, which makes no table."""
     for name in ("record", "state", "report"):
-        if options.get(name) is not None:
+        if options.get(name) is None:
+            continue
+        if len(files) > 1:
             raise InputError(f"--{name}: can only be given with one scan or drive, got several")
+        raise InputError(
+            f"--{name}: cannot be given with --table, --to or --dask, nor with a folder of scans or "
+            "drives, or a pattern"
+        )
     return {}
 
 
@@ -466,20 +472,21 @@ def verify(
         found = authenticate.verify_files(
             marker, source, policy=policy, record=record, picture=picture, progress=progress
         )
-    if report is not None:
+    shell.result({"source": source} | found.record(), lambda console: _show(console, found))
+    if report is not None:  # after the verdict, which is printed even if the disk is full
         _write_private(report, {"source": source} | found.record(operator=True))
         shell.say(f"wrote {report}")
-    shell.result({"source": source} | found.record(), lambda console: _show(console, found))
     raise typer.Exit(EXIT_CODES[found.verdict])
 
 
 def _write_private(path: Path, value: dict[str, Any]) -> None:
-    """Write JSON to a file that only its owner can read."""
+    """Write JSON to a file that only its owner can read; pipes and devices keep their modes."""
     from manip3d.io._files import atomic_write
 
     if not path.exists():
         os.close(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600))
-    path.chmod(0o600)
+    if path.is_file():
+        path.chmod(0o600)
     atomic_write(path, json.dumps(value, indent=1) + "\n")
 
 
