@@ -189,8 +189,8 @@ def of_one_only(
         if len(files) > 1:
             raise InputError(f"--{name}: can only be given with one scan or drive, got several")
         raise InputError(
-            f"--{name}: cannot be given with --table, --to or --dask, nor with a folder of scans or "
-            "drives, or a pattern"
+            f"--{name}: cannot be given with --table, --to or --dask, nor with a pattern or a "
+            "folder of scans or drives"
         )
     return {}
 
