@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import dataclasses
+import io
 import json
 import os
 import signal
@@ -24,6 +25,8 @@ from manip3d.experiments import (
     Store,
     Verdict,
     counted,
+    pack_mesh,
+    published_rows,
     run,
     unpack_mesh,
 )
@@ -67,6 +70,46 @@ def test_meshes_are_stored_beside_the_row(tmp_path: Path) -> None:
     mesh = unpack_mesh(stored, like=TRIANGLE)
     assert np.array_equal(mesh.vertices, TRIANGLE.vertices)
     assert np.array_equal(mesh.faces, TRIANGLE.faces)
+
+
+def npz_of(**arrays: np.ndarray) -> bytes:
+    stream = io.BytesIO()
+    np.savez(stream, **arrays)
+    return stream.getvalue()
+
+
+def npy_of(array: np.ndarray) -> bytes:
+    stream = io.BytesIO()
+    np.save(stream, array)
+    return stream.getvalue()
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        b"",
+        b"garbage",
+        pack_mesh(TRIANGLE)[:-30],
+        npz_of(vertices=np.eye(3)).replace(b"NUMPY", b"NOMPY"),
+        npy_of(np.eye(3)),
+        npz_of(vertices=np.eye(3)),
+    ],
+)
+def test_bytes_of_no_mesh_are_refused(data: bytes) -> None:
+    with pytest.raises(InputError, match="data: expected"):
+        unpack_mesh(data, like=TRIANGLE)
+
+
+def test_an_archive_gives_the_arrays_of_a_mesh_only() -> None:
+    data = npz_of(vertices=TRIANGLE.vertices, faces=TRIANGLE.faces, source=np.array("other"))
+    found = unpack_mesh(data, like=TRIANGLE)
+    assert (found.num_faces, found.source) == (TRIANGLE.num_faces, TRIANGLE.source)
+
+
+def test_published_rows_cannot_be_changed() -> None:
+    first = published_rows("table_6_1_lidar_forensics")[0]
+    with pytest.raises(TypeError):
+        first["II_forged"] = "99"  # type: ignore[index]
 
 
 def test_parallel_equals_serial_bit_for_bit(tmp_path: Path) -> None:

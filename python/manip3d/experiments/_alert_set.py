@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -42,7 +42,7 @@ _TURNS_DEG = (180.0, 150.0, 210.0, 120.0, 240.0, 90.0, 270.0, 60.0, 300.0, 30.0,
 180 is behind the scanner's car."""
 
 
-def published_lines() -> tuple[dict[str, str], ...]:
+def published_lines() -> tuple[Mapping[str, str], ...]:
     """Return the published table."""
     return _published.published_rows(TABLE)
 

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import cache
 from importlib.resources import files
 
 from manip3d._util.checked import checked
+from manip3d._util.mappings import ReadOnlyMapping
 from manip3d.errors import InputError
 from manip3d.experiments._model import Finding, Row
 
@@ -23,7 +24,7 @@ METHOD_NAMES = {
 
 @checked
 @cache
-def published_rows(name: str) -> tuple[dict[str, str], ...]:
+def published_rows(name: str) -> tuple[Mapping[str, str], ...]:
     """Return the rows of a published table, with the text of each cell by its column.
 
     Parameters
@@ -33,8 +34,8 @@ def published_rows(name: str) -> tuple[dict[str, str], ...]:
 
     Returns
     -------
-    tuple of dict
-        One dict for each row, in the table's order.
+    tuple of mapping
+        One read-only mapping for each row, in the table's order.
 
     Raises
     ------
@@ -50,7 +51,8 @@ def published_rows(name: str) -> tuple[dict[str, str], ...]:
     path = files("manip3d.experiments").joinpath("published", f"{name}.csv")
     if not path.is_file():
         raise InputError(f"name: expected a published table, got {name!r}")
-    return tuple(csv.DictReader(path.read_text(encoding="utf-8").splitlines()))
+    rows = csv.DictReader(path.read_text(encoding="utf-8").splitlines())
+    return tuple(ReadOnlyMapping(row) for row in rows)
 
 
 def value(table: str, model: str, method: str, column: str) -> float | str | None:

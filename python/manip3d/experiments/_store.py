@@ -14,13 +14,16 @@ from __future__ import annotations
 import hashlib
 import io
 import json
+import zlib
 from dataclasses import dataclass
 from pathlib import Path
+from zipfile import BadZipFile
 
 import numpy as np
 
 from manip3d._util.checked import checked
 from manip3d._util.json import sealed, unsealed
+from manip3d.errors import InputError
 from manip3d.experiments._model import Row
 from manip3d.io._files import atomic_write
 from manip3d.mesh import Mesh
@@ -87,7 +90,7 @@ def unpack_mesh(data: bytes, like: Mesh) -> Mesh:
     Raises
     ------
     InputError
-        An argument has another type, or the arrays are not a mesh.
+        An argument has another type, or ``data`` is damaged or holds no mesh.
 
     Examples
     --------
@@ -98,8 +101,26 @@ def unpack_mesh(data: bytes, like: Mesh) -> Mesh:
     >>> unpack_mesh(pack_mesh(mesh), mesh).vertices.shape
     (3, 3)
     """
-    with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
-        return Mesh(**arrays, materials=like.materials, source=like.source)
+    try:
+        with np.load(io.BytesIO(data), allow_pickle=False) as archive:
+            arrays = {name: archive[name] for name in _ARRAYS if name in archive}
+    except (
+        ValueError,
+        KeyError,
+        EOFError,
+        TypeError,  # a single array, which is no archive
+        OverflowError,
+        MemoryError,
+        OSError,
+        NotImplementedError,  # unknown version or compression of zip
+        RuntimeError,  # encrypted archive
+        BadZipFile,
+        zlib.error,
+    ) as error:
+        raise InputError(f"data: expected the bytes of pack_mesh, got others: {error}") from error
+    if missing := {"vertices", "faces"} - set(arrays):
+        raise InputError(f"data: expected arrays of a mesh, found no {', '.join(sorted(missing))}")
+    return Mesh(**arrays, materials=like.materials, source=like.source)
 
 
 @dataclass(frozen=True)

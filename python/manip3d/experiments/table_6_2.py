@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 _TABLE = "table_6_2_lidar_forensics_accuracy_percent"
 
 
-def _printed() -> dict[str, dict[str, str]]:
+def _printed() -> dict[str, Mapping[str, str]]:
     return {line["class"]: line for line in _published.published_rows(_TABLE)}
 
 
