@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from manip3d import Mesh, metrics
+from manip3d.metrics import _compare
 
 
 def meshes() -> tuple[Mesh, Mesh]:
@@ -40,3 +42,17 @@ def test_progress_grows_to_one() -> None:
     assert told == sorted(told)
     assert told[-1] == 1.0
     assert len(set(told)) >= 5
+
+
+def test_all_parts_use_as_many_threads(monkeypatch: pytest.MonkeyPatch) -> None:
+    used: dict[str, int] = {}
+    for name in ("metro", "fmpd", "boundary_gap"):
+        part = getattr(_compare, name)
+
+        def spied(*meshes: Mesh, name: str = name, part: object = part, **options: object):
+            used[name] = options["threads"]
+            return part(*meshes, **options)
+
+        monkeypatch.setattr(_compare, name, spied)
+    metrics.compare(*meshes(), threads=1)
+    assert used == {"metro": 1, "fmpd": 1, "boundary_gap": 1}

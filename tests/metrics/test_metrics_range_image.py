@@ -262,6 +262,28 @@ def test_flicker_counts_what_comes_and_goes() -> None:
     assert result.changed == pytest.approx((0 + 4 / 64) / 2)
 
 
+@pytest.mark.parametrize("factor", [0.5, 2.0])
+def test_meshes_of_another_camera_are_refused(factor: float) -> None:
+    """Pixels of a larger image have no place; those of a smaller one are others here."""
+    width, height = round(64 * factor), round(48 * factor)
+    other = CAMERA.resized(width, height)
+    mesh = dense_mesh(np.full((height, width), 2000, np.uint16), other)
+    with pytest.raises(InputError, match=r"frames\[0\]: expected a mesh of this camera"):
+        metrics.flicker([mesh, mesh], CAMERA)
+    depth, flags = np.full((48, 64), 2000, np.uint16), np.ones((48, 64), bool)
+    with pytest.raises(InputError, match="mesh: expected a mesh of this camera"):
+        metrics.boundary_noise(depth, CAMERA, mesh, flying=flags, truth=np.ones((48, 64)))
+
+
+def test_boundary_noise_needs_a_measured_pixel() -> None:
+    flags, truth = np.ones((48, 64), bool), np.ones((48, 64))
+    mesh = dense_mesh(np.full((48, 64), 2000, np.uint16), CAMERA)
+    with pytest.raises(InputError, match="depth: expected at least one measured pixel"):
+        metrics.boundary_noise(
+            np.zeros((48, 64), np.uint16), CAMERA, mesh, flying=flags, truth=truth
+        )
+
+
 def test_boundary_noise_of_a_dense_mesh_and_of_the_truth() -> None:
     scene = simulated.person(width=160, height=120, wall=True)
     capture = scene.capture(noise=0.0, dropouts=0.0, rng=3)

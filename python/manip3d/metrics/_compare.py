@@ -85,7 +85,7 @@ def compare(
     Raises
     ------
     InputError
-        A mesh has no faces, or the original's bounding box is a point.
+        A mesh has no faces, or the original has no area.
 
     Examples
     --------
@@ -138,5 +138,7 @@ def compare(
                 )
             ),
             fmpd=measured(lambda told: fmpd(original, simplified, threads=threads, progress=told)),
-            boundary_gap=measured(lambda told: boundary_gap(original, simplified, progress=told)),
+            boundary_gap=measured(
+                lambda told: boundary_gap(original, simplified, threads=threads, progress=told)
+            ),
         )

@@ -289,8 +289,8 @@ def flicker(
     Raises
     ------
     InputError
-        There are fewer than two frames; frames have no pixel in common; ``within`` has another
-        shape.
+        There are fewer than two frames; frames have no pixel in common; a `DepthMesh` is of another
+        camera; ``within`` has another shape.
 
     Examples
     --------
@@ -322,7 +322,7 @@ def flicker(
             steps += (depth - last) ** 2
         last = depth
         if isinstance(frame, DepthMesh):
-            chosen = _chosen(frame, shape)
+            chosen = _chosen(frame, intrinsics, f"frames[{count - 1}]")
             if within is not None:
                 chosen &= within
             if before is not None and chosen.any():
@@ -385,8 +385,8 @@ def boundary_noise(
     Raises
     ------
     InputError
-        There is no flying pixel; an array has another shape; ``flying`` is no bool; ``tolerance``
-        is negative.
+        There is no flying or no measured pixel; an array has another shape; ``flying`` is no bool;
+        ``tolerance`` is negative; ``mesh`` is a `DepthMesh` of another camera.
 
     Examples
     --------
@@ -413,11 +413,13 @@ def boundary_noise(
         raise InputError("flying: expected at least one flying pixel, got none")
     if not tolerance >= 0:
         raise InputError(f"tolerance: expected >= 0, got {tolerance}")
+    if not (image > 0).any():
+        raise InputError("depth: expected at least one measured pixel, got none")
     shown = render_depth(mesh, intrinsics, threads=threads)
     survived = np.isfinite(shown) & ~(_distance_to_surfaces(shown, truth) <= tolerance)
     chosen = density = None
     if isinstance(mesh, DepthMesh):
-        chosen = float(_chosen(mesh, image.shape)[flying].mean())
+        chosen = float(_chosen(mesh, intrinsics, "mesh")[flying].mean())
         density = mesh.num_vertices / int((image > 0).sum())
     return BoundaryNoise(float(survived[flying].mean()), chosen, density, int(flying.sum()))
 
@@ -436,9 +438,18 @@ def _distance_to_surfaces(
     return distance
 
 
-def _chosen(mesh: DepthMesh, shape: tuple[int, ...]) -> NDArray[np.bool_]:
-    chosen = np.zeros(shape, dtype=np.bool_)
-    chosen[mesh.pixels[:, 1], mesh.pixels[:, 0]] = True
+def _chosen(mesh: DepthMesh, intrinsics: Intrinsics, name: str) -> NDArray[np.bool_]:
+    """Return the pixels that are vertices of a mesh, which must be of this camera."""
+    chosen = np.zeros((intrinsics.height, intrinsics.width), dtype=np.bool_)
+    if not mesh.num_vertices:
+        return chosen
+    columns, rows = mesh.pixels.T
+    is_within = columns.max() < intrinsics.width and rows.max() < intrinsics.height
+    # Vertices of a `Relief` may have been moved away from their pixels, but hardly most of them.
+    off = np.abs(intrinsics.project(mesh.vertices) - mesh.pixels).max(axis=1)
+    if not is_within or 2 * np.count_nonzero(off <= 1.0) < mesh.num_vertices:
+        raise InputError(f"{name}: expected a mesh of this camera, got one of another")
+    chosen[rows, columns] = True
     return chosen
 
 
