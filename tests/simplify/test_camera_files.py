@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import tracemalloc
 from collections import Counter
 from dataclasses import replace
 from io import BytesIO
@@ -48,6 +49,28 @@ def test_poses_of_a_trajectory_by_time_and_in_order(tmp_path: Path) -> None:
         simplify.poses_of_files(["a.png", "b.png"], tmp_path / "truth.txt")
     with pytest.raises(InputError, match=r"within 0\.02 s of .*11\.png, the nearest is 0\.940 s"):
         simplify.poses_of_files(["10.06.png", "11.png"], tmp_path / "truth.txt")
+
+
+def test_the_nearest_of_many_times_takes_little_memory(tmp_path: Path) -> None:
+    """Differences of all names and all times took a gigabyte for a long trajectory."""
+    random = np.random.default_rng(4)
+    ticks = random.permutation(np.arange(3000) % 500) + 1000  # each one six times
+    lines = (f"{tick / 64} {k} 0 0 0 0 0 1" for k, tick in enumerate(ticks))
+    (tmp_path / "truth.txt").write_text("\n".join(lines))
+    asked = random.integers(1999, 3000, 2000) / 128  # half of them between two times
+    tracemalloc.start()
+    poses = simplify.poses_of_files([f"{time}.png" for time in asked], tmp_path / "truth.txt")
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    nearest = np.abs(asked[:, None] - ticks / 64).argmin(axis=1)
+    assert [pose[0, 3] for pose in poses] == nearest.tolist()
+    assert peak < 8 * len(asked) * len(ticks)
+
+
+def test_the_number_of_a_frame_without_a_pose_is_told_with_all_digits(tmp_path: Path) -> None:
+    (tmp_path / "trajectory.log").write_text("5 5 6\n" + MATRIX)
+    with pytest.raises(InputError, match="expected one of frame 1234567 in"):
+        simplify.poses_of_files(["1234567.png"], tmp_path / "trajectory.log")
 
 
 def test_times_are_never_dropped_for_the_order(tmp_path: Path) -> None:

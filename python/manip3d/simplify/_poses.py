@@ -117,7 +117,9 @@ def poses_of_files(
             return _in_order(files, list(numbered.values()), place)
         for number in asked:
             if number not in numbered:
-                raise InputError(f"poses: expected one of frame {number:g} in {place}, found none")
+                raise InputError(
+                    f"poses: expected one of frame {number:.15g} in {place}, found none"
+                )
         return [numbered[int(number)] for number in asked]
     if place.suffix.lower() == ".json":
         return _of_transforms(files, place)
@@ -239,8 +241,8 @@ def _by_time(
     found: list[NDArray[np.float64]],
 ) -> list[NDArray[np.float64]]:
     """Return the pose nearest in time to each file; in order where the names are only numbers."""
-    off = np.nan_to_num(np.abs(asked[:, None] - times), nan=np.inf)
-    nearest, apart = off.argmin(axis=1), off.min(axis=1)
+    nearest = _nearest(asked, times)
+    apart = np.nan_to_num(np.abs(asked - times[nearest]), nan=np.inf)
     is_near = apart <= MAX_SECONDS_APART
     if is_near.all():
         return [found[i] for i in nearest]
@@ -252,6 +254,21 @@ def _by_time(
     if np.isinf(apart[worst]):
         raise InputError(f"{asks}, whose name is not a time")
     raise InputError(f"{asks}, the nearest is {apart[worst]:.3f} s away")
+
+
+def _nearest(asked: NDArray[np.float64], times: NDArray[np.float64]) -> NDArray[np.intp]:
+    """Return the index of the nearest time to each number; the lowest one of several as near."""
+    order = np.argsort(times, kind="stable")
+    ascending = times[order]
+    # The first of equal times has the lowest index. Equal times lie on one side of a number.
+    after = np.searchsorted(ascending, asked).clip(max=len(times) - 1)
+    before = np.searchsorted(ascending, ascending[(after - 1).clip(min=0)])
+    from_after, from_before = (np.abs(asked - ascending[i]) for i in (after, before))
+    after, before = order[after], order[before]
+    is_tie = from_before == from_after
+    nearer = np.where(from_before < from_after, before, after)
+    found: NDArray[np.intp] = np.where(is_tie, np.minimum(before, after), nearer)
+    return found
 
 
 def _number_in(file: Path) -> float:
