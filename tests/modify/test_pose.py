@@ -56,6 +56,25 @@ def test_a_joint_lies_behind_the_skin_on_its_line_of_sight() -> None:
     np.testing.assert_allclose(positions[NAMES.index("EarLeft")], [0, 0, 2.0], atol=1e-12)
 
 
+def test_a_landmark_without_a_distance_is_not_tracked() -> None:
+    """One unknown relative depth made all inferred joints NaN, although their states were fine."""
+    visible, relative = np.ones(33), np.zeros(33)
+    visible[[KNEE, NOSE]] = 0.0  # hidden
+    relative[[KNEE, HIP]] = np.nan, np.inf
+    positions, states = lift(picture(wall(2.0)), visibility=visible, relative_depth=relative)
+    assert np.isfinite(positions).all()
+    assert (states[HIP], states[NOSE], states[KNEE]) == (
+        rgbd.TRACKED, rgbd.INFERRED, rgbd.NOT_TRACKED,
+    )  # fmt: skip
+    np.testing.assert_allclose(positions[HIP], [0, 0, 2.1], atol=1e-12)  # it has a depth
+    assert 1.9 < positions[NOSE, 2] < 2.1
+    positions, states = lift(
+        picture(wall(2.0)), visibility=visible, relative_depth=np.full(33, np.nan)
+    )
+    assert np.isfinite(positions).all()
+    assert (states[NOSE], states[HIP]) == (rgbd.NOT_TRACKED, rgbd.TRACKED)
+
+
 def test_the_line_of_sight_is_that_of_the_lens() -> None:
     """Lifting undoes lens distortion, by which pixel (470, 380) is 34 mm off at 3.5 metres."""
     lens = manip3d.Intrinsics(

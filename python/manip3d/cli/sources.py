@@ -226,7 +226,7 @@ def _listed(names: Sequence[str]) -> str:
 
 
 def gone_materials(before: Sequence[Mesh], after: Sequence[Mesh], terminal: Terminal) -> list[str]:
-    """Return and print the names of materials that had faces and have none any more.
+    """Return and print the names of which no material has faces any more.
 
     Parameters
     ----------

@@ -72,7 +72,7 @@ def lift_landmarks(
         MediaPipe's estimate, 0 to 1, that nothing hides the landmark.
     relative_depth : (33,), metres
         Position along the camera's axis, from any common origin (in MediaPipe's world landmarks,
-        the hips).
+        the hips); NaN: unknown.
     frame : RgbdFrame
         Frame with depth. If it has a ``body_index``, only depths of people's pixels are used.
     window : int, pixels
@@ -87,7 +87,7 @@ def lift_landmarks(
     states : (33,) uint8
         `TRACKED`: visible and with depth. `INFERRED`: hidden or without depth; its distance is the
         tracked landmarks' median offset from ``relative_depth``. `NOT_TRACKED`: outside the
-        picture, or nothing is tracked.
+        picture, without any distance, or nothing is tracked.
 
     Raises
     ------
@@ -125,11 +125,15 @@ def lift_landmarks(
         raise InputError(f"window: expected an odd number of pixels, got {window}")
     sight, inner, inside = _measured(at, names, frame, window)
     tracked = inside & (inner > 0) & (visible >= min_visibility)
-    states = np.where(tracked, TRACKED, np.where(inside, INFERRED, NOT_TRACKED)).astype(np.uint8)
     if not tracked.any():
         return np.zeros((33, 3)), np.zeros(33, np.uint8)
-    guess = relative + np.median(inner[tracked] - relative[tracked])
-    return sight * np.where(tracked, inner, guess)[:, None], states
+    is_known = np.isfinite(relative)
+    told = tracked & is_known
+    guess = relative + np.median(inner[told] - relative[told]) if told.any() else np.zeros(33)
+    inferred = inside & is_known & told.any()
+    states = np.where(tracked, TRACKED, np.where(inferred, INFERRED, NOT_TRACKED)).astype(np.uint8)
+    distance = np.where(tracked, inner, np.where(is_known, guess, 0.0))
+    return sight * distance[:, None], states
 
 
 def _measured(

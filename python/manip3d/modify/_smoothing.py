@@ -265,7 +265,7 @@ class KeyPerson:
         camera : Intrinsics
             The depth camera of the frame.
         time : float, seconds
-            Time of the frame; it must grow from call to call.
+            Time of the frame; it should grow from call to call, which is not checked.
         clothes : (N, 15) float32, optional
             Clothes of the people, from `clothing_colors`.
 
