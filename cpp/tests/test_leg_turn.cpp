@@ -43,8 +43,9 @@ struct Legs {
 /// Points along thighs and shins; the left leg is the affected one.
 /// @param thigh  forward and downward extent of a thigh, metres.
 /// @param right_foot  from the right knee, metres in the body's axes: sideways, down, forward.
+/// @param num_points  of each thigh and of each shin.
 Legs legs_at(double degrees, const Eigen::Vector2d& thigh,
-             const Eigen::Vector3d& right_foot = {0.0, 0.42, 0.0}) {
+             const Eigen::Vector3d& right_foot = {0.0, 0.42, 0.0}, int num_points = 200) {
   const Eigen::Vector3d n = aside(degrees), z = ahead(degrees), down = Eigen::Vector3d::UnitY();
   Legs legs;
   legs.person.states.fill(TrackingState::kTracked);
@@ -52,10 +53,10 @@ Legs legs_at(double degrees, const Eigen::Vector2d& thigh,
     legs.person.positions[static_cast<std::size_t>(joint)] = p.cast<float>();
   };
   const auto add = [&](Joint from, Joint to, std::uint8_t label) {
-    constexpr int kPoints = 200;
     const Eigen::Vector3f a = legs.person[from], b = legs.person[to];
-    for (int i = 0; i < kPoints; ++i) {
-      const Eigen::Vector3f p = a + (static_cast<float>(i) + 0.5F) / kPoints * (b - a);
+    for (int i = 0; i < num_points; ++i) {
+      const float share = (static_cast<float>(i) + 0.5F) / static_cast<float>(num_points);
+      const Eigen::Vector3f p = a + share * (b - a);
       legs.points.x.push_back(p.x());
       legs.points.y.push_back(p.y());
       legs.points.z.push_back(p.z());
@@ -105,6 +106,26 @@ TEST(LegTurn, IsToldByBothLegs) {
   EXPECT_LT((legs.n.cross(legs.y) - legs.z).norm(), 1e-12);
   turn.reset();
   EXPECT_EQ(turn.of(trunk).n, trunk.n);
+}
+
+TEST(LegTurn, TellsNothingByFewPointsOnly) {
+  const BodyFrame trunk = trunk_at(0.0);
+  for (const int num_points : {40, 59, 60, 99, 101, 118, 119, 201}) {
+    LegTurn turn(Limb::kLeftLeg);
+    learn(turn, legs_at(12.0, kOnSeat, {0.0, 0.42, 0.0}, num_points), trunk);
+    EXPECT_NEAR(angle_of(turn, trunk), num_points < 60 ? 0.0 : 12.0, 0.5) << num_points;
+  }
+}
+
+TEST(LegTurn, ThePlaneIsShiftedAlongItsOwnNormal) {
+  LegTurn turn(Limb::kLeftLeg);
+  BodyFrame trunk = trunk_at(0.0);
+  trunk.origin += 0.06 * trunk.n;
+  learn(turn, legs_at(25.0, kOnSeat), trunk);
+  const BodyFrame legs = turn.of(trunk);
+  const Eigen::Vector3d shift = legs.origin - trunk.origin;
+  EXPECT_LT(shift.dot(legs.n), -0.04);
+  EXPECT_LT(shift.cross(legs.n).norm(), 1e-12);
 }
 
 TEST(LegTurn, MirrorsOneLegOntoTheOther) {
@@ -217,7 +238,7 @@ TEST(LegTurn, OfALegThatIsGoneIsForgotten) {
   learn(turn, legs_at(12.0, kOnSeat), trunk);
   double before = angle_of(turn, trunk);
   for (int frame = 0; frame < 50; ++frame) {
-    turn.forget();
+    turn.lose_trust();
     EXPECT_LE(angle_of(turn, trunk), before);
     before = angle_of(turn, trunk);
   }

@@ -62,7 +62,7 @@ void BodyPlane::follow_legs(const PersonPoints& points, const Skeleton& fitted, 
   if (has_limb) {
     legs_.learn(points, fitted, *trunk_frame_);
   } else {
-    legs_.forget();
+    legs_.lose_trust();
   }
   set_frame(*trunk_frame_);
 }

@@ -32,6 +32,7 @@ struct Part {
   static constexpr std::size_t kMost = 100;  // points; more make the plane no steadier
   std::array<Eigen::Vector3d, kMost> points;
   std::size_t count = 0;
+  std::size_t num_visible = 0;  ///< Before they were thinned out to `points`.
 };
 using Parts = std::array<Part, kNumParts>;
 
@@ -62,12 +63,14 @@ void for_each_part(const PersonPoints& points, const Skeleton& person, Limb leg,
 
 /// Evenly spread points of each part of the leg.
 Parts parts_of(const PersonPoints& points, const Skeleton& person, Limb leg) {
-  std::array<std::size_t, kNumParts> all{}, seen{};
-  for_each_part(points, person, leg, [&](std::size_t part, const auto&) { ++all[part]; });
   Parts parts;
-  for_each_part(points, person, leg, [&](std::size_t part, const Eigen::Vector3d& p) {
-    const std::size_t stride = (all[part] + Part::kMost - 1) / Part::kMost;
-    if (seen[part]++ % stride == 0) parts[part].points[parts[part].count++] = p;
+  for_each_part(points, person, leg,
+                [&](std::size_t part, const auto&) { ++parts[part].num_visible; });
+  std::array<std::size_t, kNumParts> seen{};
+  for_each_part(points, person, leg, [&](std::size_t k, const Eigen::Vector3d& p) {
+    Part& part = parts[k];
+    const std::size_t stride = (part.num_visible + Part::kMost - 1) / Part::kMost;
+    if (seen[k]++ % stride == 0) part.points[part.count++] = p;
   });
   return parts;
 }
@@ -132,71 +135,96 @@ struct LegPlane {
   double shift = 0.0;             ///< Metres.
 };
 
-/// Fit the plane at which the points of each leg lie on the skin of the other, with the plane of
+/// Fits the plane at which the points of each leg lie on the skin of the other, with the plane of
 /// the trunk as a wide prior.
 ///
 /// The visible part of a thigh depends on its direction. Points are therefore fitted to the
 /// skin and not to points: they may lie anywhere along the bone. Both directions (each leg onto the
-/// other) are used, because the joints of either leg can be wrong. With the normal n = n_t + a z_t
-/// + b y_t, the shift c, s = n (p - o) - c and the mirrored point p' = p - 2 s n, changes of a, b
-/// and c move p' by -2 (z_t (p - o) n + s z_t) da - 2 (y_t (p - o) n + s y_t) db + 2 n dc. A knee
-/// that is bent more than the other must not be fitted as a turn: mirrored shins may rotate about n
-/// at the knee by a fourth unknown. Residuals have the Geman-McClure weight of a heavy-tailed
+/// other) are used, because the joints of either leg can be wrong. A knee that is bent more than
+/// the other must not be fitted as a turn: mirrored shins may rotate about the plane's normal at
+/// the knee by a fourth unknown. Residuals have the Geman-McClure weight of a heavy-tailed
 /// distribution, whose scale decreases from step to step.
+class PlaneFit {
+ public:
+  explicit PlaneFit(const BodyFrame& trunk) : trunk_(trunk) {}
+
+  /// Does one Gauss-Newton step.
+  /// @param scale  Of the weights, metres.
+  void step(const SeenLeg& intact, const SeenLeg& affected, double scale) {
+    // Standard deviations of turn, roll, shift and bend. A narrower prior would pull the plane of
+    // turned legs to that of the trunk.
+    const Eigen::Vector4d deviation(0.6, 0.1, 0.05, 0.5);
+    const Eigen::Vector4d prior = deviation.cwiseProduct(deviation).cwiseInverse();
+    off_.fill(0.0);
+    n_ = (trunk_.n + plane_[0] * trunk_.z + plane_[1] * trunk_.y).normalized();
+    information_ = prior.asDiagonal();
+    gradient_ = -prior.cwiseProduct(plane_);
+    for (std::size_t k = 0; k < kNumParts; ++k) {
+      lay(affected, intact, k, -1.0, scale);
+      lay(intact, affected, k, 1.0, scale);
+    }
+    plane_ += solve_symmetric(information_, gradient_);
+  }
+
+  /// The plane; none if it is an unlikely one, or the legs do not lie on each other.
+  [[nodiscard]] std::optional<LegPlane> found() const {
+    constexpr double kMaxTurn = 0.6;    // tangent of 31 degrees, the most that a spine turns
+    constexpr double kMaxShift = 0.10;  // metres
+    constexpr double kMaxOff = 0.04;  // metres; the distance is larger for legs in different poses
+    const bool is_likely = std::abs(plane_[0]) < kMaxTurn && std::abs(plane_[2]) < kMaxShift;
+    const bool fits = std::ranges::all_of(off_, [](double o) { return o < kMaxOff; });
+    if (!(is_likely && fits)) return std::nullopt;
+    return LegPlane{plane_[0], plane_[1], plane_[2]};
+  }
+
+ private:
+  /// Adds the mirrored points of a part of one leg, as residuals from the skin of the other. With
+  /// the normal n = n_t + a z_t + b y_t, the shift c, s = n (p - o) - c and the mirrored point p' =
+  /// p - 2 s n, changes of a, b and c move p' by -2 (z_t (p - o) n + s z_t) da - 2 (y_t (p - o) n +
+  /// s y_t) db + 2 n dc.
+  /// @param bend  Sign of the rotation of the shin.
+  void lay(const SeenLeg& from, const SeenLeg& onto, std::size_t k, double bend, double scale) {
+    // Metres, error of a whole part, because joints are wrong by as much.
+    constexpr double kNoise = 0.02;
+    const Part& part = from.parts[k];
+    const Skin& skin = onto.skins[k];
+    const bool is_shin = k == 1;
+    const Eigen::AngleAxisd bent(is_shin ? bend * plane_[3] : 0.0, n_);
+    const auto count = 2.0 * static_cast<double>(part.count);
+    for (std::size_t i = 0; i < part.count; ++i) {
+      const Eigen::Vector3d p = part.points[i] - trunk_.origin;
+      const double s = n_.dot(p) - plane_[2];
+      const Eigen::Vector3d mirrored = bent * (part.points[i] - 2.0 * s * n_ - skin.first_joint());
+      const Eigen::Vector3d away = skin.from_bone(mirrored);
+      const double distance = std::max(away.norm(), 1e-6), e = distance - skin.radius();
+      off_[k] += std::abs(e) / count;
+      const Eigen::Vector3d out = away / distance;
+      const double along = out.dot(n_);
+      const Eigen::Vector4d row(-2.0 * (trunk_.z.dot(p) * along + s * out.dot(trunk_.z)),
+                                -2.0 * (trunk_.y.dot(p) * along + s * out.dot(trunk_.y)),
+                                2.0 * along, is_shin ? bend * out.dot(n_.cross(mirrored)) : 0.0);
+      const double share = 1.0 + (e * e) / (scale * scale);
+      const double weight = 1.0 / (kNoise * kNoise * count * share * share);
+      information_ += weight * row * row.transpose();
+      gradient_ -= weight * e * row;
+    }
+  }
+
+  const BodyFrame& trunk_;
+  Eigen::Vector4d plane_ = Eigen::Vector4d::Zero();  ///< Turn, roll, shift and bend.
+  Eigen::Vector3d n_ = Eigen::Vector3d::Zero();      ///< Normal of the plane.
+  Eigen::Matrix4d information_ = Eigen::Matrix4d::Zero();
+  Eigen::Vector4d gradient_ = Eigen::Vector4d::Zero();
+  std::array<double, kNumParts> off_{};  ///< Metres: mean distance of the points from the skin.
+};
+
 std::optional<LegPlane> plane_between(const SeenLeg& intact, const SeenLeg& affected,
                                       const BodyFrame& trunk) {
   // Metres: from legs that point past each other down to residuals of well-aligned legs.
   constexpr std::array kScales = {0.30, 0.30, 0.20, 0.15, 0.10, 0.08, 0.06, 0.06};
-  // Metres, error of a whole part, because joints are wrong by as much.
-  constexpr double kNoise = 0.02;
-  // Standard deviations of turn, roll, shift and bend. A narrower prior would pull the plane of
-  // turned legs to that of the trunk.
-  const Eigen::Vector4d kDeviation(0.6, 0.1, 0.05, 0.5);
-  constexpr double kMaxTurn = 0.6;    // tangent of 31 degrees, the most that a spine turns
-  constexpr double kMaxShift = 0.10;  // metres
-  constexpr double kMaxOff = 0.04;    // metres; the distance is larger for legs in different poses
-  const Eigen::Vector4d prior = kDeviation.cwiseProduct(kDeviation).cwiseInverse();
-  Eigen::Vector4d plane = Eigen::Vector4d::Zero();
-  std::array<double, kNumParts> off{};
-  for (const double scale : kScales) {
-    off.fill(0.0);
-    const Eigen::Vector3d n = (trunk.n + plane[0] * trunk.z + plane[1] * trunk.y).normalized();
-    Eigen::Matrix4d information = prior.asDiagonal();
-    Eigen::Vector4d gradient = -prior.cwiseProduct(plane);
-    const auto lay = [&](const SeenLeg& from, const SeenLeg& onto, std::size_t k, double bend) {
-      const Part& part = from.parts[k];
-      const Skin& skin = onto.skins[k];
-      const bool is_shin = k == 1;
-      const Eigen::AngleAxisd bent(is_shin ? bend * plane[3] : 0.0, n);
-      const auto count = 2.0 * static_cast<double>(part.count);
-      for (std::size_t i = 0; i < part.count; ++i) {
-        const Eigen::Vector3d p = part.points[i] - trunk.origin;
-        const double s = n.dot(p) - plane[2];
-        const Eigen::Vector3d mirrored = bent * (part.points[i] - 2.0 * s * n - skin.first_joint());
-        const Eigen::Vector3d away = skin.from_bone(mirrored);
-        const double distance = std::max(away.norm(), 1e-6), e = distance - skin.radius();
-        off[k] += std::abs(e) / count;
-        const Eigen::Vector3d out = away / distance;
-        const double along = out.dot(n);
-        const Eigen::Vector4d row(-2.0 * (trunk.z.dot(p) * along + s * out.dot(trunk.z)),
-                                  -2.0 * (trunk.y.dot(p) * along + s * out.dot(trunk.y)),
-                                  2.0 * along, is_shin ? bend * out.dot(n.cross(mirrored)) : 0.0);
-        const double share = 1.0 + (e * e) / (scale * scale);
-        const double weight = 1.0 / (kNoise * kNoise * count * share * share);
-        information += weight * row * row.transpose();
-        gradient -= weight * e * row;
-      }
-    };
-    for (std::size_t k = 0; k < kNumParts; ++k) {
-      lay(affected, intact, k, -1.0);
-      lay(intact, affected, k, 1.0);
-    }
-    plane += solve_symmetric(information, gradient);
-  }
-  const bool is_likely = std::abs(plane[0]) < kMaxTurn && std::abs(plane[2]) < kMaxShift;
-  const bool fits = std::ranges::all_of(off, [](double o) { return o < kMaxOff; });
-  if (!(is_likely && fits)) return std::nullopt;
-  return LegPlane{plane[0], plane[1], plane[2]};
+  PlaneFit fit(trunk);
+  for (const double scale : kScales) fit.step(intact, affected, scale);
+  return fit.found();
 }
 
 }  // namespace
@@ -209,7 +237,7 @@ void LegTurn::learn(const PersonPoints& points, const Skeleton& person, const Bo
   if (!has_parts(person, affected_) || !has_parts(person, intact)) return;
   const SeenLeg mine = see(points, person, affected_), other = see(points, person, intact);
   constexpr std::size_t kMinPoints = 60;
-  const auto is_seen = [](const Part& part) { return part.count >= kMinPoints; };
+  const auto is_seen = [](const Part& part) { return part.num_visible >= kMinPoints; };
   if (!std::ranges::all_of(mine.parts, is_seen) || !std::ranges::all_of(other.parts, is_seen))
     return;
   const auto measured = plane_between(other, mine, trunk);
@@ -229,7 +257,7 @@ void LegTurn::learn(const PersonPoints& points, const Skeleton& person, const Bo
   frames_ = std::min(frames_ + 1.0, kWindow);
 }
 
-void LegTurn::forget() {
+void LegTurn::lose_trust() {
   constexpr double kMemory = 0.9;  // weight of the previous trust, per frame
   constexpr double kNone = 0.01;
   trust_ *= kMemory;
@@ -240,6 +268,8 @@ BodyFrame LegTurn::of(const BodyFrame& trunk) const {
   if (frames_ == 0.0) return trunk;
   const double seat = std::max(seat_error_, kMinError),
                with_trunk = std::max(trunk_error_, kMinError);
+  // The weights are 1 / error^2, times the squares of both errors. The errors are squared sines
+  // already, so that the better mean decides almost alone.
   const Eigen::Vector3d normal = upright(with_trunk * with_trunk * upright(normal_, trunk) +
                                              seat * seat * upright(turned(trunk), trunk),
                                          trunk);
@@ -249,7 +279,7 @@ BodyFrame LegTurn::of(const BodyFrame& trunk) const {
   legs.n = legs.x = (trunk.n + seated * (normal - trunk.n) + seated * roll_ * trunk.y).normalized();
   legs.y = (trunk.y - trunk.y.dot(legs.n) * legs.n).normalized();
   legs.z = legs.n.cross(legs.y);
-  legs.origin += seated * shift_ * trunk.n;
+  legs.origin += seated * shift_ * legs.n;  // PlaneFit measures it along its own normal
   return legs;
 }
 

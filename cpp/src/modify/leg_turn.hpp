@@ -34,9 +34,9 @@ class LegTurn {
   /// @param person  Joints fitted to these points.
   /// @param trunk   Axes of the trunk.
   void learn(const PersonPoints& points, const Skeleton& person, const BodyFrame& trunk);
-  /// Updates the trust with a frame without the affected leg; after two seconds of them everything
-  /// is forgotten.
-  void forget();
+  /// Updates the trust with a frame without the affected leg. It fades from frame to frame; after
+  /// 44 of them, a second and a half, everything is forgotten.
+  void lose_trust();
   /// Return the axes of the legs.
   [[nodiscard]] BodyFrame of(const BodyFrame& trunk) const;
   void reset() { *this = LegTurn(affected_); }
