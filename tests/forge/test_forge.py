@@ -197,6 +197,41 @@ def test_interpolation_stays_on_the_surface(hoax: object) -> None:
     assert np.abs(finer[:, 1:]).max() <= 0.5 + 1e-6
 
 
+def test_points_between_neighbours_lie_in_triangles_and_not_on_their_sides() -> None:
+    corners = np.float32([[0, 0, 0], [0, 1, 0], [0, 0.3, 0.8]])
+    made = forge.resample(corners, spacing=0.05, rng=1).astype(np.float64)
+    weights = np.linalg.solve(
+        np.c_[corners[:, 1:], np.ones(3)].T, np.c_[made[:, 1:], np.ones(len(made))].T
+    )
+    assert len(made) > 100
+    assert (weights.min(axis=0) < 1e-6).sum() <= 3  # the corners themselves
+
+
+def test_two_points_are_interpolated_between_them() -> None:
+    made = forge.resample([[0, 0, 0], [1, 0, 0]], spacing=0.1, rng=1)
+    assert spacing(made) == pytest.approx(0.1, rel=0.1)
+    np.testing.assert_array_equal(made[:, 1:], 0.0)
+
+
+@pytest.mark.parametrize("copies", [2, 7])
+def test_an_object_whose_points_are_stored_several_times_has_the_spacing_of_one(
+    copies: int,
+) -> None:
+    once = room(5, 1000)
+    several = np.repeat(once, copies, axis=0)
+    finer = forge.resample(several, spacing=0.5 * spacing(once), rng=3)
+    np.testing.assert_array_equal(finer, forge.resample(once, spacing=0.5 * spacing(once), rng=3))
+    for resampling in ("poisson", "uniform"):
+        goal = 2.0 * spacing(once)
+        made = forge.resample(several, spacing=goal, resampling=resampling, rng=3)
+        assert spacing(np.unique(made, axis=0)) == pytest.approx(goal, rel=0.08)
+
+
+def test_faces_without_area_have_no_points() -> None:
+    line = Mesh([[0, 0, 0], [1, 0, 0], [2, 0, 0]], [[0, 1, 2]])
+    assert forge.resample(line, spacing=0.1).shape == (0, 3)
+
+
 def test_points_of_a_triangle_fill_it_evenly() -> None:
     corners = np.array([[0.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.3, 0.8]])
     made = forge.resample(Mesh(corners, [[0, 1, 2]]), spacing=0.02, rng=1).astype(np.float64)
@@ -599,6 +634,13 @@ def test_scans_that_are_not_finite(name: str, value: float) -> None:
         (lambda s: forge.crtp(s, grid_plate(), position=(0, 0, 0), spacing=0), "spacing"),
         (lambda s: forge.crtp(s, grid_plate(), position=(0, 0, 0), spacing=1e-7), "spacing"),
         (lambda s: forge.crtp(s, np.ones((5, 3)), position=(0, 0, 0)), "different places"),
+        *(
+            (
+                lambda _, step=step: forge.resample([[0, 0, 0], [1, 0, 0]], spacing=step),
+                r"spacing: needs .* points of the object's surface, at most 2\^24",
+            )
+            for step in (1e-5, 1e-8, 1e-10)
+        ),
         (lambda s: forge.subtract(s), "either a box or rows"),
         (lambda s: forge.subtract(s, rows=[9999]), "rows: expected 0 to 3999, got 9999"),
         (lambda s: forge.subtract(s, Box((0, 0, 0), (-1, 1, 1))), "size: expected numbers >= 0"),

@@ -2,12 +2,11 @@
 
 #include <Eigen/LU>
 #include <algorithm>
-#include <array>
 #include <cmath>
-#include <numeric>
 #include <string>
 #include <utility>
 
+#include "geometry/dart_board.hpp"
 #include "geometry/kd_tree.hpp"
 #include "geometry/select_rows.hpp"
 #include "geometry/small_solvers.hpp"
@@ -49,14 +48,6 @@ Vector3d centroid(const PointsView& view, int num_threads, const Progress& progr
 bool is_rotation(const Matrix3d& r) {
   return (r * r.transpose() - Matrix3d::Identity()).cwiseAbs().maxCoeff() <= 1e-6 &&
          r.determinant() > 0.0;
-}
-
-Points rows_of(const PointsView& view, const std::vector<std::int32_t>& rows) {
-  Points points(static_cast<Eigen::Index>(rows.size()), 3);
-  for (std::size_t i = 0; i < rows.size(); ++i) {
-    points.row(static_cast<Eigen::Index>(i)) = view.points.row(rows[i]);
-  }
-  return points;
 }
 
 // uniform in the unit ball, by rejection sampling
@@ -112,8 +103,8 @@ std::vector<Vector3d> displacements(const PointsView& scene, const std::vector<s
     }
     return moves;
   }
-  const Points points = rows_of(scene, rows);
-  const KdTree tree(PointsView({points.data(), points.rows(), 3}), progress);
+  const Points points = take(scene, rows);
+  const KdTree tree(view_of(points), progress);
   const Matrix3d to_box = rotation_about_z(box.yaw).transpose();
   const auto count = static_cast<std::int64_t>(rows.size());
   const auto displace = [&](std::int64_t begin, std::int64_t end) {
@@ -136,30 +127,12 @@ struct NearSpacing {
   bool is_sure = true;  // no nearer neighbour can be outside of the reach
 };
 
-// The points without repetitions, in their order.
-Points distinct(const Points& points) {
-  const auto coordinates = [&](std::int32_t row) {
-    return std::array<float, 3>{points(row, 0), points(row, 1), points(row, 2)};
-  };
-  std::vector<std::int32_t> rows(static_cast<std::size_t>(points.rows()));
-  std::iota(rows.begin(), rows.end(), 0);
-  std::sort(rows.begin(), rows.end(), [&](std::int32_t a, std::int32_t b) {
-    return std::pair(coordinates(a), a) < std::pair(coordinates(b), b);
-  });
-  const auto is_same = [&](std::int32_t a, std::int32_t b) {
-    return coordinates(a) == coordinates(b);
-  };
-  rows.erase(std::unique(rows.begin(), rows.end(), is_same), rows.end());
-  std::sort(rows.begin(), rows.end());
-  return rows_of(PointsView({points.data(), points.rows(), 3}), rows);
-}
-
 // Points at one place count once: some scans store each point twice.
 // @param near  the points of the scene within `reach` of the position.
 NearSpacing spacing_near(const Points& near, const Vector3d& position, double radius, double reach,
                          const Progress& progress) {
   NearSpacing spacing;
-  const KdTree tree(PointsView({near.data(), near.rows(), 3}), progress);
+  const KdTree tree(view_of(near), progress);
   Ticker ticker(progress);
   for (Eigen::Index i = 0; i < near.rows(); ++i) {
     ticker.tick();
@@ -167,7 +140,8 @@ NearSpacing spacing_near(const Points& near, const Vector3d& position, double ra
     const double squared = (p - position).squaredNorm();
     if (!(squared <= radius * radius)) continue;
     const double distance = tree.nearest_distance(i);
-    if (distance == 0.0) return spacing_near(distinct(near), position, radius, reach, progress);
+    if (distance == 0.0)
+      return spacing_near(distinct(view_of(near)), position, radius, reach, progress);
     spacing.is_sure = spacing.is_sure && distance + std::sqrt(squared) <= (1.0 - 1e-9) * reach;
     if (!std::isfinite(distance)) continue;
     spacing.sum += distance;
@@ -242,8 +216,8 @@ double local_spacing(const PointsView& scene, const Vector3d& position, double r
       return (Vector3d(x, y, z) - position).squaredNorm() <= reach * reach &&
              !is_no_return(x, y, z);
     };
-    spacing = spacing_near(rows_of(scene, select_rows(scene, num_threads, within, progress)),
-                           position, radius, reach, progress);
+    spacing = spacing_near(take(scene, select_rows(scene, num_threads, within, progress)), position,
+                           radius, reach, progress);
     if (spacing.is_sure) break;
   }
   if (spacing.count < 2) {
@@ -280,7 +254,7 @@ Forgery deform(const PointsView& scene, const OrientedBox& box, const DeformOpti
   edit.moved = points_in_box(scene, box, num_threads, progress);
   const std::vector<Vector3d> moves =
       displacements(scene, edit.moved, box, options, num_threads, progress);
-  edit.moved_to = rows_of(scene, edit.moved);
+  edit.moved_to = take(scene, edit.moved);
   for (std::size_t i = 0; i < moves.size(); ++i) {
     const auto row = static_cast<Eigen::Index>(i);
     const Vector3d p = edit.moved_to.row(row).transpose().cast<double>() + moves[i];
@@ -298,7 +272,7 @@ Forgery move_box(const PointsView& scene, const OrientedBox& box, const Matrix4d
   }
   Edit edit;
   edit.moved = points_in_box(scene, box, num_threads, progress);
-  edit.moved_to = transformed(rows_of(scene, edit.moved), transform);
+  edit.moved_to = transformed(take(scene, edit.moved), transform);
   Forgery forged = apply_edit(scene, std::move(edit), num_threads, progress);
   forged.transform = transform;
   return forged;

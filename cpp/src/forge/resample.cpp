@@ -2,6 +2,7 @@
 #include <algorithm>
 #include <cmath>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "geometry/dart_board.hpp"
@@ -20,8 +21,8 @@ using Order = std::vector<std::int32_t>;  // rows
 constexpr std::int64_t kMaxPoints = std::int64_t{1} << 24;
 constexpr double kTolerance = 0.03;  // accepted relative error of the spacing
 constexpr int kCorrections = 4;
-constexpr double kCandidatesPerDisk = 5.0;  // enough for a nearly full Poisson disk sampling
-constexpr std::size_t kSurfaceNeighbours = 6;
+constexpr double kCandidatesPerDisk = 5.0;     // enough for a nearly full Poisson disk sampling
+constexpr std::size_t kSurfaceNeighbours = 6;  // besides the point itself
 
 Order first_of(const Order& order, double share) {
   const auto size = static_cast<std::int64_t>(order.size());
@@ -54,11 +55,9 @@ double spacing_over_radius(double gamma, bool on_faces) {
 }
 
 void check_count(double count) {
-  if (!(count <= static_cast<double>(kMaxPoints))) {
-    throw InputError(
-        "spacing: expected one that 2^24 points of the object's surface can have, "
-        "this wants " +
-        number_text(count));
+  if (!(count >= 0.0 && count <= static_cast<double>(kMaxPoints))) {
+    throw InputError("spacing: needs " + number_text(count) +
+                     " points of the object's surface, at most 2^24");
   }
 }
 
@@ -109,11 +108,24 @@ Points surface_candidates(const PointsView& view, const Eigen::Ref<const Faces>&
   return samples.topRows(row);
 }
 
-// Random points on triangles of each point and two of its neighbours.
-Points cloud_candidates(const PointsView& view, double per_point, const ResampleOptions& options,
+// Two different rows; twice the same if there is one only.
+std::pair<std::uint32_t, std::uint32_t> two_of(const std::vector<std::uint32_t>& rows,
+                                               std::uint64_t seed, std::uint64_t counter) {
+  const std::size_t first = random_bits(seed, 2 * counter) % rows.size();
+  if (rows.size() == 1) return {rows[0], rows[0]};
+  std::size_t second = random_bits(seed, 2 * counter + 1) % (rows.size() - 1);
+  if (second >= first) ++second;  // a number of those that are left
+  return {rows[first], rows[second]};
+}
+
+// Each point, and random points on triangles of it and two of its neighbours; on the segment to its
+// neighbour if there is one only.
+Points cloud_candidates(const PointsView& object, double per_point, const ResampleOptions& options,
                         const Progress& progress) {
+  const Points places = distinct(object);  // neighbours at one place span no triangle
+  const PointsView view = view_of(places);
+  check_count(static_cast<double>(view.num_points()) * (std::ceil(per_point) + 1.0));
   const auto share = static_cast<Eigen::Index>(std::ceil(per_point));
-  check_count(static_cast<double>(view.num_points()) * static_cast<double>(share + 1));
   const KdTree tree(view, progress);
   Points samples(view.num_points() * (share + 1), 3);
   parallel_chunks(
@@ -121,19 +133,18 @@ Points cloud_candidates(const PointsView& view, double per_point, const Resample
       [&](std::int64_t begin, std::int64_t end) {
         KdTree::Neighbours near;
         for (std::int64_t i = begin; i < end; ++i) {
-          tree.nearest(i, kSurfaceNeighbours, near);
-          const auto corner = [&](std::uint64_t counter) -> Vector3d {
-            const std::uint64_t which = random_bits(options.seed + 1, counter) % near.rows.size();
-            return view.points.row(near.rows[which]).transpose().cast<double>();
+          tree.nearest(i, kSurfaceNeighbours + 1, near);
+          std::erase(near.rows, static_cast<std::uint32_t>(i));
+          const auto point = [&](std::int64_t row) -> Vector3d {
+            return view.points.row(row).transpose().cast<double>();
           };
-          const Vector3d p = view.points.row(i).transpose().cast<double>();
           Eigen::Index row = i * (share + 1);
           samples.row(row++) = view.points.row(i);
           for (Eigen::Index k = 0; k < share; ++k, ++row) {
             const auto counter = static_cast<std::uint64_t>(row);
-            const Vector3d second = corner(2 * counter);
-            const Vector3d third = corner(2 * counter + 1);
-            samples.row(row) = on_triangle(p, second, third, options.seed, counter).cast<float>();
+            const auto [b, c] = two_of(near.rows, options.seed + 1, counter);
+            samples.row(row) =
+                on_triangle(point(i), point(b), point(c), options.seed, counter).cast<float>();
           }
         }
       },
@@ -141,20 +152,37 @@ Points cloud_candidates(const PointsView& view, double per_point, const Resample
   return samples;
 }
 
-void check_faces(const Eigen::Ref<const Faces>& faces, std::int64_t num_points) {
-  if (faces.rows() > 0 && !(faces.minCoeff() >= 0 && faces.maxCoeff() < num_points)) {
-    throw InputError("faces: expected indices of the object's " + std::to_string(num_points) +
-                     " points");
+// More points than the wanted ones, on the faces if there are any.
+Points interpolated(const PointsView& object, const Eigen::Ref<const Faces>& faces, double gamma,
+                    const ResampleOptions& options, const Progress& progress) {
+  if (faces.rows() == 0) {
+    return cloud_candidates(object, kCandidatesPerDisk * gamma * gamma, options, progress);
   }
+  const double density = kCandidatesPerDisk / (options.spacing * options.spacing);
+  return surface_candidates(object, faces, density, options.seed, progress);
 }
 
-}  // namespace
+Points thinned_at_random(const PointsView& object, double spacing_of_object,
+                         const ResampleOptions& options, const Progress& progress) {
+  Ticker ticker(progress);
+  const Order order = random_order(object.num_points(), options.seed, ticker);
+  const auto sample = [&](double length) {
+    const double share = spacing_of_object / length;
+    return first_of(order, std::min(1.0, share * share));
+  };
+  const auto spacing_of = [&](const Order& rows) {
+    return mean_spacing(view_of(take(object, rows)), progress);
+  };
+  return take(object, with_spacing(options.spacing, options.spacing, sample, spacing_of));
+}
 
-Points resample(const PointsView& object, const Eigen::Ref<const Faces>& faces,
-                const ResampleOptions& options, const Progress& progress) {
+// The argument of the Python functions that names the object is `hoax`.
+void check_object(const PointsView& object, const Eigen::Ref<const Faces>& faces, double spacing) {
   check_points(object);
-  check_faces(faces, object.num_points());
-  const double spacing = options.spacing;
+  if (faces.rows() > 0 && !(faces.minCoeff() >= 0 && faces.maxCoeff() < object.num_points())) {
+    throw InputError("faces: expected indices of the object's " +
+                     std::to_string(object.num_points()) + " points");
+  }
   if (!(spacing > 0.0 && std::isfinite(spacing))) {
     throw InputError("spacing: expected > 0, got " + number_text(spacing));
   }
@@ -166,30 +194,22 @@ Points resample(const PointsView& object, const Eigen::Ref<const Faces>& faces,
     throw InputError("spacing: expected one within 2^40 of the largest coordinate, got " +
                      number_text(spacing));
   }
+}
+
+}  // namespace
+
+Points resample(const PointsView& object, const Eigen::Ref<const Faces>& faces,
+                const ResampleOptions& options, const Progress& progress) {
+  check_object(object, faces, options.spacing);
+  const double spacing = options.spacing;
   const double spacing_of_object = mean_spacing(object, progress);
-  if (!(spacing_of_object > 0.0)) {
-    throw InputError("hoax: expected points at different places");
-  }
+  if (!(spacing_of_object > 0.0)) throw InputError("hoax: expected points at different places");
   const double gamma = spacing_of_object / spacing;
   if (gamma < 1.0 && options.method == Resampling::kUniform) {
-    Ticker ticker(progress);
-    const Order order = random_order(object.num_points(), options.seed, ticker);
-    const auto sample = [&](double length) {
-      const double share = spacing_of_object / length;
-      return first_of(order, std::min(1.0, share * share));
-    };
-    const auto spacing_of = [&](const Order& rows) {
-      return mean_spacing(view_of(take(object, rows)), progress);
-    };
-    return take(object, with_spacing(spacing, spacing, sample, spacing_of));
+    return thinned_at_random(object, spacing_of_object, options, progress);
   }
   Points made;
-  if (gamma >= 1.0 && faces.rows() > 0) {
-    made = surface_candidates(object, faces, kCandidatesPerDisk / (spacing * spacing), options.seed,
-                              progress);
-  } else if (gamma >= 1.0) {
-    made = cloud_candidates(object, kCandidatesPerDisk * gamma * gamma, options, progress);
-  }
+  if (gamma >= 1.0) made = interpolated(object, faces, gamma, options, progress);
   if (gamma >= 1.0 && made.rows() < 2) return made;
   const PointsView candidates = gamma < 1.0 ? object : view_of(made);
   DartBoard board(candidates, options.seed + 2, Vector3d::Zero(), progress);

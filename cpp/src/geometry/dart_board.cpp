@@ -1,9 +1,11 @@
 #include "geometry/dart_board.hpp"
 
 #include <algorithm>
+#include <array>
 #include <bit>
 #include <cmath>
 #include <limits>
+#include <numeric>
 #include <utility>
 
 #include "geometry/buckets.hpp"
@@ -30,12 +32,35 @@ std::int64_t for_probes(std::int64_t count, const Visit& visit) {
 
 }  // namespace
 
+Points distinct(const PointsView& view) {
+  const auto coordinates = [&](std::int32_t row) {
+    return std::array<float, 3>{view.points(row, 0), view.points(row, 1), view.points(row, 2)};
+  };
+  std::vector<std::int32_t> rows(static_cast<std::size_t>(view.num_points()));
+  std::iota(rows.begin(), rows.end(), 0);
+  std::sort(rows.begin(), rows.end(), [&](std::int32_t a, std::int32_t b) {
+    return std::pair(coordinates(a), a) < std::pair(coordinates(b), b);
+  });
+  const auto is_same = [&](std::int32_t a, std::int32_t b) {
+    return coordinates(a) == coordinates(b);
+  };
+  rows.erase(std::unique(rows.begin(), rows.end(), is_same), rows.end());
+  std::sort(rows.begin(), rows.end());
+  return take(view, rows);
+}
+
 double mean_spacing(const PointsView& points, const Progress& progress) {
   const KdTree tree(points, progress);
   double sum = 0.0;
-  const std::int64_t count =
-      for_probes(points.num_points(), [&](std::int64_t i) { sum += tree.nearest_distance(i); });
-  return sum / static_cast<double>(count);
+  bool repeats = false;
+  const std::int64_t count = for_probes(points.num_points(), [&](std::int64_t i) {
+    const double distance = tree.nearest_distance(i);
+    repeats = repeats || distance == 0.0;
+    sum += distance;
+  });
+  if (!repeats) return sum / static_cast<double>(count);
+  const Points places = distinct(points);
+  return places.rows() < 2 ? 0.0 : mean_spacing(view_of(places), progress);
 }
 
 std::vector<std::int32_t> random_order(std::int64_t count, std::uint64_t seed, Ticker& ticker) {

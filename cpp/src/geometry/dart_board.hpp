@@ -13,13 +13,16 @@ namespace manip3d {
 /// Return the numbers below `count` in a random order: sorted by random keys, ties by number.
 std::vector<std::int32_t> random_order(std::int64_t count, std::uint64_t seed, Ticker& ticker);
 
-/// Mean nearest-neighbour distance, estimated from a few thousand points to about 1 %.
+/// Mean nearest-neighbour distance, estimated from a few thousand points to about 1 %. Points at
+/// one place count once, because some scans store each point twice; 0 if there is one place only.
 double mean_spacing(const PointsView& points, const Progress& progress);
 
 inline PointsView view_of(const Points& points) {
   return PointsView({points.data(), points.rows(), 3});
 }
 Points take(const PointsView& view, const std::vector<std::int32_t>& rows);
+/// The points without repetitions, in their order.
+Points distinct(const PointsView& view);
 
 /// Dart throwing [Cook, ACM TOG 1986] among given points, in a random order: a point is kept unless
 /// a kept point is nearer than the radius. Each kept point marks its neighbours, which gives the

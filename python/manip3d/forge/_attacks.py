@@ -181,6 +181,7 @@ def resample(
     ----------
     hoax : Mesh, LidarFrame or (K, 3) array
         Object to resample. Meshes are interpolated on their faces, points between neighbours.
+        Points at one place count once.
     spacing : float
         Wanted mean distance to the nearest neighbour, in the hoax's unit.
     resampling : 'poisson' or 'uniform'
@@ -193,12 +194,13 @@ def resample(
     Returns
     -------
     (M, 3) float32
+        No points if the object is interpolated on faces that have no area.
 
     Raises
     ------
     InputError
-        The object has fewer than two points, ``spacing`` is not positive, or the result would have
-        more than 2^24 points.
+        The object has fewer than two points, or all at one place, ``spacing`` is not positive, or
+        more than 2^24 points would have to be made to choose from.
 
     Examples
     --------
