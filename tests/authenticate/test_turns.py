@@ -177,6 +177,23 @@ def test_box_that_drives_by_is_no_edit() -> None:
     assert judged(moving, moving[1]).verdict == "no_trace"
 
 
+def test_rows_without_a_return_do_not_move_with_the_turns(turns: list[np.ndarray]) -> None:
+    """Organised clouds have rows at (0, 0, 0), which are no points near the scanner."""
+    silent = np.zeros((50, 3), np.float32)
+    before, after = (np.vstack([points, silent]) for points in (turns[0], turns[2]))
+    found = _core.compare_turns(turns[1], before, after, LATTICE.table, True, 1, None)
+    for seen in found["seen"]:
+        assert np.all(seen[0][-len(silent) :] == -1)
+    plain = _core.compare_turns(turns[1], turns[0], turns[2], LATTICE.table, True, 1, None)
+    assert repr(found["regions"]) == repr(plain["regions"])
+
+
+def test_turns_that_tell_no_motion_are_not_moved(turns: list[np.ndarray]) -> None:
+    found = turn_consistency(turns[1], np.empty((0, 3)), turns[1][:50], lattice=LATTICE)
+    np.testing.assert_array_equal(found.previous, np.eye(4))
+    np.testing.assert_array_equal(found.following, np.eye(4))
+
+
 def test_threads_change_nothing(turns: list[np.ndarray]) -> None:
     frame = turns[1][~turn_scans.box_at(0, 0.0).contains(turns[1])]
     one, four = judged(turns, frame), judged(turns, frame, threads=4)

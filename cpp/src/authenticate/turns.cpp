@@ -12,14 +12,18 @@
 #include "authenticate/ring_image.hpp"
 #include "geometry/constants.hpp"
 #include "geometry/median.hpp"
+#include "geometry/select_rows.hpp"
 #include "manip3d/error.hpp"
 #include "manip3d/geometry/angles.hpp"
 
 namespace manip3d {
 namespace {
 
-// Seconds: the longest turn of a scanner for which the limits below hold. Scanners turn 5 to 20
-// times a second; turns that are farther apart are not to be compared (MAX_APART_NS of _turns.py).
+// Seconds: the turn for which the limits below and the thresholds of _turns.py were chosen.
+// Scanners turn 5 to 20 times a second. Turns that are up to one and a half of these apart are
+// compared, too (MAX_APART_NS), with the same limits: the facade refuses a scanner that moved
+// farther than 1.4 m (FARTHEST_MOTION), which is well within those of the guess, and a wider
+// kMovedColumns would excuse more of the edits in all scans for the few things that pass that fast.
 constexpr double kTurnSeconds = 0.1;
 
 // The motion during a turn, rounded to whole units.
@@ -125,13 +129,16 @@ TurnView spread_view(const TurnView& view) {
   return spread;
 }
 
+// Rows without a return stay at the origin.
 Points moved_points(const PointsView& view, const ScanMotion& motion) {
   const Eigen::Matrix3f turn = motion.rotation.cast<float>();
   const Eigen::RowVector3f shift = motion.translation.transpose().cast<float>();
-  Points points(view.num_points(), 3);
+  Points points = Points::Zero(view.num_points(), 3);
   for (Eigen::Index i = 0; i < view.num_points(); ++i) {
-    points.row(i) = (turn * view.points.row(i).transpose()).transpose() + shift;
-    if (!points.row(i).allFinite()) points.row(i).setZero();  // no scanner sees so far
+    const Eigen::RowVector3f p = view.points.row(i);
+    if (is_no_return(p.x(), p.y(), p.z())) continue;
+    const Eigen::RowVector3f moved = (turn * p.transpose()).transpose() + shift;
+    if (moved.allFinite()) points.row(i) = moved;  // else no scanner sees so far
   }
   return points;
 }
@@ -192,11 +199,13 @@ class SeenFromAbove {
     return found;
   }
 
+  // The motion by which most points meet the objects; of several, the smallest one, and of these
+  // the first one. It is the identity if nothing stands above the ground.
   [[nodiscard]] ScanMotion best_motion(const PointsView& source, const GroundPlane& ground) const {
     const std::vector<Eigen::Vector2d> all = standing(source, ground);
     const std::size_t stride = std::max<std::size_t>(1, all.size() / kGuessPoints);
     ScanMotion best;
-    int most = -1;
+    std::pair<int, int> most{-1, 0};  // points that meet, and minus the size of the motion
     for (int degrees = -kGuessTurns; degrees <= kGuessTurns; ++degrees) {
       const SinCos turn = sin_cos(degrees * (kFullTurn / 360.0));
       std::vector<Cell> turned;
@@ -207,7 +216,8 @@ class SeenFromAbove {
       const Met met = num_met(turned);
       for (int ahead = -kGuessAhead; ahead <= kGuessAhead; ++ahead) {
         for (int aside = -kGuessAside; aside <= kGuessAside; ++aside) {
-          const int here = met[aside + kGuessAside][ahead + kGuessAhead];
+          const std::pair here{met[aside + kGuessAside][ahead + kGuessAhead],
+                               -size_of(degrees, ahead, aside)};
           if (here <= most) continue;
           most = here;
           best.rotation << turn.cos, -turn.sin, 0.0, turn.sin, turn.cos, 0.0, 0.0, 0.0, 1.0;
@@ -230,6 +240,12 @@ class SeenFromAbove {
   };
   // Number of points that meet occupied cells, by shift aside and ahead in cells.
   using Met = std::array<std::array<std::int32_t, kShifts>, 2 * kGuessAside + 1>;
+
+  // The square of a motion's size, cells^2. In the middle of the reach a degree moves by 0.35 m,
+  // which is about a cell.
+  static int size_of(int degrees, int ahead, int aside) {
+    return degrees * degrees + ahead * ahead + aside * aside;
+  }
 
   static Cell cell_of(const Eigen::Vector2d& p) {
     return {static_cast<int>(std::floor((p.y() + kGuessReach) / kGuessCell)),
@@ -266,12 +282,13 @@ class SeenFromAbove {
   std::vector<std::uint8_t> occupied_;
 };
 
-// Did the scanner move by about the same step before and after the frame? Braking changes the step
-// of kTurnSeconds by 10 cm, a wrong alignment changes it by more.
+// Did the scanner move by about the same step before and after the frame?
 bool goes_on(const ScanMotion& previous, const ScanMotion& following) {
+  // Metres: braking changes the step of kTurnSeconds by 0.1, a wrong alignment changes it by more.
+  constexpr double kMaxChange = 0.3;
   const Eigen::Vector3d there_and_on =
       previous.rotation * following.translation + previous.translation;
-  return there_and_on.norm() < 0.3;
+  return there_and_on.norm() < kMaxChange;
 }
 
 class TurnComparison {
@@ -292,6 +309,9 @@ class TurnComparison {
         before_(spread_view(single_view(others_[0], lattice.num_rings()))),
         after_(spread_view(single_view(others_[1], lattice.num_rings()))),
         extents_{extent(turns[0]), extent(turns[1])} {}
+  TurnComparison(const TurnComparison&) = delete;  // others_ refers to views_
+  TurnComparison& operator=(const TurnComparison&) = delete;
+  ~TurnComparison() = default;
 
   std::vector<TurnRegion> run() {
     std::array<RingImage<std::uint8_t>, kNumTurnEvidence> images{blank(), blank(), blank()};
@@ -411,8 +431,8 @@ class TurnComparison {
                    std::vector<TurnRegion>& regions) const {
     const std::size_t first = regions.size();
     RingImage<std::int32_t> region_of(image.rings(), image.columns(), -1);
-    Ticker never{Progress{}};
-    const auto whole_blocks = opened(image, kTurnBlockRings, kTurnBlockColumns, never);
+    Ticker no_ticker{Progress{}};  // an image is small
+    const auto whole_blocks = opened(image, kTurnBlockRings, kTurnBlockColumns, no_ticker);
     for (const auto& component : connected_components(whole_blocks)) {
       if (static_cast<std::int64_t>(component.size()) < kMinDirections) continue;
       for (const auto& [ring, column] : component) {
@@ -532,8 +552,13 @@ void check_turn_options(const TurnOptions& options) {
   };
   if (!(options.nearest > 0.0)) refuse("nearest", "> 0", options.nearest);
   if (!(options.farthest > options.nearest)) refuse("farthest", "> nearest", options.farthest);
-  if (!(options.tolerance > 0.0)) refuse("tolerance", "> 0", options.tolerance);
-  if (!(options.tolerance_share >= 0.0)) refuse("tolerance_share", ">= 0", options.tolerance_share);
+  if (!std::isfinite(options.height)) refuse("height", "that is finite", options.height);
+  if (!(options.tolerance > 0.0 && std::isfinite(options.tolerance))) {
+    refuse("tolerance", "> 0 that is finite", options.tolerance);
+  }
+  if (!(options.tolerance_share >= 0.0 && std::isfinite(options.tolerance_share))) {
+    refuse("tolerance_share", ">= 0 that is finite", options.tolerance_share);
+  }
 }
 
 // @param reading  Lattice reading of the points; null: it is computed.
@@ -541,6 +566,7 @@ TurnResult compared(const PointsView& points, const PointsView& previous,
                     const PointsView& following, const ScanLattice& lattice,
                     LatticeReading* reading, const TurnOptions& options, const Progress& progress) {
   check_turn_options(options);
+  check_readable(lattice);
   check_points(points);
   check_points(previous);
   check_points(following);

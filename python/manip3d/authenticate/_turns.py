@@ -320,7 +320,7 @@ def turns_read(
         return replace(told, aligned=bool(found["judged"]), foreign=is_foreign), seen
     traces = [_Trace(each) for each in found["regions"] if each["distance"] < FARTHEST]
     if any(trace.kind == "before" and trace.p_value < 1.0 for trace in traces):
-        turns = [moved(*each) for each in zip((before, after), motions, strict=True)]
+        turns = [_in_frame(*each) for each in zip((before, after), motions, strict=True)]
         traces = [
             trace
             for trace in traces
@@ -404,6 +404,11 @@ def _is_foreign(
         return False
     skipping = _core.compare_turns(before, after, after, lattice.table, True, threads)
     return bool(skipping["previous"]["found"])
+
+
+def _in_frame(points: NDArray[np.float32], motion: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the points in the coordinates of the frame; rows at (0, 0, 0) have no return."""
+    return moved(points[points.any(axis=1)], motion)
 
 
 def _points_of(frame: LidarFrame | ArrayLike, name: str) -> NDArray[np.float32]:

@@ -19,12 +19,15 @@ struct LatticeReading {
   Eigen::VectorXf range_error;  ///< Metres from the nearest multiple of the range step.
 };
 
+/// Checks what read_lattice needs of a lattice: check_lattice, at most 1024 rings, slopes that
+/// descend, azimuths within one turn, steps in range.
+/// @throws InputError  the lattice fails a check.
+void check_readable(const ScanLattice& lattice);
+
 /// Assigns each point to a laser and a step, and measures its distance from both. It takes about 40
 /// ns per point in the scanner's own order, and more in any other. The result has the same bits for
 /// any number of threads.
-/// @throws InputError  the points or the lattice fail check_points or check_lattice; more than 1024
-///                     rings, slopes that do not descend, azimuths beyond one turn, steps out of
-///                     range.
+/// @throws InputError  the points or the lattice fail check_points or check_readable.
 LatticeReading read_lattice(const PointsView& points, const ScanLattice& lattice,
                             int num_threads = 0, const Progress& progress = {});
 
