@@ -180,6 +180,10 @@ def test_mtl_factors(tmp_path: Path) -> None:
     assert material.base_color == (0.5, 0.5, 0.5, 0.75)
     (material,) = with_mtl(tmp_path, "newmtl a\nd -halo 1\nKd spectral f.rfl\n").mesh.materials
     assert (material.base_color, material.alpha_mode) == ((1, 1, 1, 1), "opaque")
+    (material,) = with_mtl(tmp_path, "newmtl a\nd -halo 0.5\n").mesh.materials
+    assert (material.base_color[3], material.alpha_mode) == (0.5, "blend")
+    seen = with_mtl(tmp_path, "newmtl a\nd -0.0\n")
+    assert seen.warnings == ("m.mtl: materials of opacity 0 (d 0, Tr 1) are read as opaque",)
 
 
 def test_mtl_opacity_of_0_does_not_make_parts_invisible(tmp_path: Path) -> None:
@@ -335,6 +339,12 @@ def test_samplers_that_a_format_cannot_hold_are_named(
         ("map_Kd -s 1 1.0 1.000 -o 0 0 0 -t 0 -mm 0 1 -clamp off a.png", "a.png", None),
         ("map_Kd -s 1 1 1 -o 0.5 0 0 a.png", "a.png", "-o"),
         ("map_Kd -s 1 2 a.png", "a.png", "-s"),
+        ("map_Kd -o 0 0e+00 0E0 wood.png", "wood.png", None),
+        ("map_Kd -s +1 1e+00 1.e0 wood.png", "wood.png", None),
+        ("map_Kd -o 0 1e+00 0 wood.png", "wood.png", "-o"),
+        ("map_Kd -o 0 e wood.png", "e wood.png", None),
+        ("map_Kd -o 0 +-1 . wood.png", "+-1 . wood.png", None),
+        ("map_Kd -o 0 inf wood.png", "inf wood.png", None),
         ("map_Kd -bm 0.3 a.png", "a.png", None),
     ],
 )

@@ -2,13 +2,14 @@
 
 #include <algorithm>
 #include <array>
-#include <cctype>
 #include <charconv>
+#include <cmath>
 #include <cstdint>
 #include <functional>
 #include <iterator>
 #include <limits>
 #include <map>
+#include <optional>
 #include <set>
 #include <string>
 #include <string_view>
@@ -45,22 +46,21 @@ constexpr MapOption kMapOptions[] = {
     {"-type", 1, 1, {}},
 };
 
-bool looks_like_number(std::string_view word) {
-  if (word.starts_with('-') || word.starts_with('+')) word.remove_prefix(1);
-  if (word.empty()) return false;
-  return std::all_of(word.begin(), word.end(), [](char c) {
-    return std::isdigit(static_cast<unsigned char>(c)) != 0 || c == '.' || c == 'e' || c == '-';
-  });
+// The finite number that a whole word stands for, if it stands for one.
+std::optional<double> number_of(std::string_view word) {
+  if (word.starts_with('+') && !word.starts_with("+-")) word.remove_prefix(1);
+  const char* const end = word.data() + word.size();
+  double number = 0.0;
+  const auto [parsed, error] = std::from_chars(word.data(), end, number);
+  if (error != std::errc() || parsed != end || !std::isfinite(number)) return std::nullopt;
+  return number;
 }
 
-// Whether two words are equal, or stand for equal numbers: 1, 1.0 and 1.000000.
+// Whether two words are equal, or stand for equal numbers: 1, +1, 1.0 and 1.000000.
 bool is_equal(std::string_view a, std::string_view b) {
   if (a == b) return true;
-  double x = 0.0, y = 0.0;
-  const auto [end_a, error_a] = std::from_chars(a.data(), a.data() + a.size(), x);
-  const auto [end_b, error_b] = std::from_chars(b.data(), b.data() + b.size(), y);
-  return error_a == std::errc() && error_b == std::errc() && end_a == a.data() + a.size() &&
-         end_b == b.data() + b.size() && x == y;
+  const std::optional<double> x = number_of(a), y = number_of(b);
+  return x && y && *x == *y;
 }
 
 // Reads the file name after the options of a map; names may contain blanks, and some exporters
@@ -82,7 +82,7 @@ Texture read_map(LineCursor& cursor, const char* what, const WarnOf& warn_of) {
     for (int i = 0; i < option->most; ++i) {
       before = cursor.position();
       const std::string_view argument = cursor.word();
-      if (i >= option->least && !looks_like_number(argument)) {
+      if (i >= option->least && !number_of(argument)) {
         cursor.move_to(before);
         break;
       }
@@ -183,7 +183,8 @@ class MtlReader {
       read_color(cursor, "Ke", std::numeric_limits<double>::max(), m.emissive);
     } else if (keyword == "d") {
       if (cursor.at_end()) cursor.fail("d", "a number");
-      if (*cursor.position() == '-') cursor.word();  // -halo: opacity by angle of view
+      const char* const before = cursor.position();
+      if (cursor.word() != "-halo") cursor.move_to(before);  // an opacity by angle of view
       set_opacity(m, fraction(cursor, "d"));
     } else if (keyword == "tr") {
       set_opacity(m, 1.0 - fraction(cursor, "Tr"));
