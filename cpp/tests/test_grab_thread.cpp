@@ -29,9 +29,13 @@ class FakeCamera final : public RgbdSource {
 
   [[nodiscard]] SourceCapabilities capabilities() const override { return {true}; }
   [[nodiscard]] std::shared_ptr<const RgbdCalibration> calibration() const override {
+    if (starts == loses_calibration) throw DeviceError("fake camera: no calibration");
     return calibration_;
   }
-  [[nodiscard]] Counters counters() const override { return {{"frames", made_}}; }
+  [[nodiscard]] Counters counters() const override {
+    if (made_ == loses_counters) throw DeviceError("fake camera: no counters");
+    return {{"frames", made_}};
+  }
   void start() override {
     ++starts;
     plug_ = starts > 1 ? -1 : plug_;
@@ -53,6 +57,8 @@ class FakeCamera final : public RgbdSource {
   }
 
   int starts = 0, stops = 0;
+  int loses_calibration = -1;        ///< Number of starts after which there is none.
+  std::int64_t loses_counters = -1;  ///< Number of frames after which there are none.
   std::int64_t step_ns = 1'000'000;
 
  private:
@@ -180,6 +186,32 @@ TEST(GrabThread, AStartWithoutAThreadLeavesTheCameraStopped) {
   RgbdFrame frame;
   EXPECT_EQ(source.read(frame, kLong), ReadStatus::kFrame);
   EXPECT_EQ(camera.starts, 2);
+}
+
+TEST(GrabThread, AStartWithoutACalibrationLeavesTheCameraStopped) {
+  auto made = std::make_unique<FakeCamera>(3);
+  made->loses_calibration = 1;
+  const FakeCamera& camera = *made;
+  GrabThread source(std::move(made));
+  EXPECT_THROW(source.start(), DeviceError);
+  EXPECT_EQ(camera.stops, 1);
+  source.start();
+  RgbdFrame frame;
+  EXPECT_EQ(source.read(frame, kLong), ReadStatus::kFrame);
+  EXPECT_EQ(camera.starts, 2);
+}
+
+TEST(GrabThread, CountersThatAreLostAreAnErrorOfTheReader) {
+  auto camera = std::make_unique<FakeCamera>(-1);
+  camera->loses_counters = 3;
+  GrabThread source(std::move(camera));
+  source.start();
+  RgbdFrame frame;
+  std::int64_t last = -1;
+  EXPECT_THROW(while (source.read(frame, kLong) == ReadStatus::kFrame) last = frame.number,
+               DeviceError);
+  EXPECT_EQ(last, 2);
+  EXPECT_EQ(count_of(source, "frames"), 2);  // as of the last frame with counters
 }
 
 TEST(GrabThread, TheLongestTimeoutIsNoneThatIsOver) {

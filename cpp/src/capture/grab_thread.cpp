@@ -41,30 +41,26 @@ class Paced final : public RgbdSource {
   }
   void start() override {
     recording_->start();
-    began_ = false;  // the time between stop and start is none of the recording's
+    has_begun_ = false;  // the time between stop and start is none of the recording's
     if (is_held_) hold();
   }
   void stop() override { recording_->stop(); }
 
   void seek(std::int64_t index) override {
     recording_->seek(index);
-    is_held_ = began_ = false;
+    is_held_ = has_begun_ = false;
   }
 
   ReadStatus read(RgbdFrame& frame, milliseconds timeout) override {
+    const auto deadline = Clock::now() + std::clamp(timeout, milliseconds(0), kLongestWait);
     if (!is_held_) {
       const ReadStatus status = recording_->read(held_, timeout);
       if (status != ReadStatus::kFrame) return status;
       is_held_ = true;
       hold();
     }
-    const auto now = Clock::now();
-    const milliseconds wait = std::min(timeout, kLongestWait);
-    if (due_ - now > wait) {
-      std::this_thread::sleep_for(wait);
-      return ReadStatus::kTimeout;
-    }
-    std::this_thread::sleep_until(due_);
+    std::this_thread::sleep_until(std::min(due_time_, deadline));
+    if (due_time_ > deadline) return ReadStatus::kTimeout;
     std::swap(frame, held_);
     is_held_ = false;
     return ReadStatus::kFrame;
@@ -72,24 +68,25 @@ class Paced final : public RgbdSource {
 
  private:
   void hold() {
-    if (!began_) {
-      began_ = true;
-      begin_ = Clock::now();
+    if (!has_begun_) {
+      has_begun_ = true;
+      begin_time_ = Clock::now();
       first_ns_ = held_.time_ns;
     }
-    constexpr double kYear = 3e16;  // nanoseconds: limit of times that can be added to the clock
+    constexpr double kLongest = 3e16;  // a year: its sum with the clock's time fits 64 bits
     const double after =
         (static_cast<double>(held_.time_ns) - static_cast<double>(first_ns_)) / speed_;
-    due_ =
-        begin_ + std::chrono::nanoseconds(static_cast<std::int64_t>(std::clamp(after, 0.0, kYear)));
+    const auto after_ns = static_cast<std::int64_t>(std::clamp(after, 0.0, kLongest));
+    due_time_ = begin_time_ + std::chrono::nanoseconds(after_ns);
   }
 
   std::unique_ptr<RgbdSource> recording_;
   double speed_;
   RgbdFrame held_;
-  bool is_held_ = false, began_ = false;
+  bool is_held_ = false;    // held_ was read and is not delivered yet
+  bool has_begun_ = false;  // begin_time_ and first_ns_ are of the first frame since the start
   std::int64_t first_ns_ = 0;
-  Clock::time_point begin_, due_;
+  Clock::time_point begin_time_, due_time_;
 };
 
 }  // namespace
@@ -130,10 +127,10 @@ void GrabThread::start() {
   if (thread_.joinable()) thread_.join();  // the thread has ended with an error
   camera_->start();
   const std::lock_guard lock(mutex_);
-  calibration_ = camera_->calibration();
   error_ = nullptr;
   is_stopping_ = false;
   try {
+    calibration_ = camera_->calibration();
     thread_ = std::thread(&GrabThread::grab, this);
   } catch (...) {  // without a thread, the camera must not stay open
     camera_->stop();
@@ -157,25 +154,33 @@ void GrabThread::stop() {
 void GrabThread::grab() {
   std::exception_ptr error;
   try {
-    ReadStatus status = ReadStatus::kTimeout;
-    while (status != ReadStatus::kEnd) {
-      {
-        const std::lock_guard lock(mutex_);
-        if (is_stopping_) break;
-      }
-      status = camera_->read(filling_, kPoll);
-      if (status != ReadStatus::kFrame) continue;
-      filling_.grabbed_ns = now_ns();
-      publish();
-    }
+    grab_frames();
   } catch (...) {
     error = std::current_exception();
   }
   const std::lock_guard lock(mutex_);
+  try {  // the camera may also have counted after its last frame
+    camera_counters_ = camera_->counters();
+  } catch (...) {
+    if (!error) error = std::current_exception();
+  }
   error_ = error;
   is_running_ = false;
-  camera_counters_ = camera_->counters();
   changed_.notify_all();
+}
+
+void GrabThread::grab_frames() {
+  ReadStatus status = ReadStatus::kTimeout;
+  while (status != ReadStatus::kEnd) {
+    {
+      const std::lock_guard lock(mutex_);
+      if (is_stopping_) return;
+    }
+    status = camera_->read(filling_, kPoll);
+    if (status != ReadStatus::kFrame) continue;
+    filling_.grabbed_ns = now_ns();
+    publish();
+  }
 }
 
 void GrabThread::publish() {

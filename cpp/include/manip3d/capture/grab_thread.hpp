@@ -37,6 +37,7 @@ class GrabThread final : public RgbdSource {
 
  private:
   void grab();
+  void grab_frames();
   void publish();
 
   std::unique_ptr<RgbdSource> camera_;  // used by the thread while it runs
