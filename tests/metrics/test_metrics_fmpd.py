@@ -145,6 +145,30 @@ def test_faces_without_area_are_skipped_and_counted() -> None:
         fmpd(manip3d.Mesh([[0, 0, 0], [1, 0, 0], [2, 0, 0]], [[0, 1, 2]]), mesh)
 
 
+def test_a_vertex_on_the_side_of_a_larger_face_of_a_plane_is_flat() -> None:
+    """Its gap is filled by a face without area, in which its angle is pi."""
+    flat = plane(8)
+    a, b, c = next(
+        face
+        for face in flat.faces.tolist()
+        if np.abs(flat.vertices[face] - 4.0).max(axis=0)[:2].max() <= 1.0
+    )
+    (below,) = (
+        k for k, face in enumerate(flat.faces.tolist()) if {a, b} <= {*face} and c not in face
+    )
+    (d,) = {*flat.faces[below].tolist()} - {a, b}
+    above = flat.faces.tolist().index([a, b, c])
+    t = len(flat.vertices)
+    vertices = np.vstack([flat.vertices, flat.vertices[[a, b]].mean(axis=0)])
+    others = np.delete(flat.faces, [above, below], axis=0)
+    halves = [[b, t, d], [t, a, d]]
+    whole = manip3d.Mesh(vertices, np.vstack([others, halves, [[a, t, c], [t, b, c]]]))
+    with_t = manip3d.Mesh(vertices, np.vstack([others, halves, [[a, b, c], [b, a, t]]]))
+    result = fmpd(with_t, whole)
+    assert result.skipped_faces == 1
+    assert result.value == pytest.approx(0, abs=1e-9)
+
+
 @pytest.mark.parametrize(
     "faces",
     [

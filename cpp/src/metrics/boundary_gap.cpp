@@ -123,6 +123,10 @@ std::optional<Deviation> one_sided(const BoundaryCurve& from, const BoundaryCurv
       .deviation(unit);
 }
 
+// Share of the tolerance: pieces of an edge that are shorter are not halved again. What they hide
+// is beyond the tolerance by half of this share at most.
+constexpr double kShortestPiece = 1e-3;
+
 // Whether the edge has a point beyond the tolerance. The distance changes at most as fast as the
 // position, so between the ends it is at most half the sum of both ends' distances and the length.
 bool is_crack(const Segment& edge, const BoundaryCurve& to, double tolerance) {
@@ -130,7 +134,8 @@ bool is_crack(const Segment& edge, const BoundaryCurve& to, double tolerance) {
   const double at_end = to.distance(edge.end);
   if (std::max(at_start, at_end) > tolerance) return true;
   const double length = edge.length();
-  if (0.5 * (at_start + at_end + length) <= tolerance || length < 1e-3 * tolerance) return false;
+  if (0.5 * (at_start + at_end + length) <= tolerance || length < kShortestPiece * tolerance)
+    return false;
   const Vector3d middle = edge.at(0.5);
   return is_crack({edge.start, middle}, to, tolerance) ||
          is_crack({middle, edge.end}, to, tolerance);

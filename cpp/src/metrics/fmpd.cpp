@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <numbers>
+#include <string>
 #include <vector>
 
 #include "geometry/union_find.hpp"
@@ -27,7 +28,7 @@ constexpr double kMaxWeight = 1000.0;
 
 struct FaceTerms {
   double area;
-  double angle[3];
+  double angle[3];   // without an area: pi at a corner between the others, else 0
   double weight[3];  // of the edge opposite the corner: half its cotangent
 };
 
@@ -50,7 +51,8 @@ std::vector<FaceTerms> face_terms(const MeshView& mesh, int num_threads, const P
       terms[f].area = 0.5 * doubled_area;
       for (int k = 0; k < 3; ++k) {
         const double dot = (p[(k + 1) % 3] - p[k]).dot(p[(k + 2) % 3] - p[k]);
-        terms[f].angle[k] = std::atan2(doubled_area, dot);
+        const double flat = dot < 0.0 ? pi : 0.0;
+        terms[f].angle[k] = doubled_area > 0.0 ? std::atan2(doubled_area, dot) : flat;
         terms[f].weight[k] = std::clamp(0.5 * dot / doubled_area, kMinWeight, kMaxWeight);
       }
     }
@@ -102,45 +104,32 @@ struct Roughness {
   bool is_non_manifold = false;
 };
 
-Roughness measure_roughness(const MeshView& mesh, const char* name, int num_threads,
-                            const Progress& progress) {
-  const auto terms = face_terms(mesh, num_threads, progress);
-  const auto kinds = classify_vertices(mesh);
-  const auto has_area = [&](std::size_t f) { return terms[f].area > 0.0; };
-
-  // Gaussian curvature as the angle deficit, not divided by the area.
-  Roughness r;
-  r.area.assign(kinds.size(), 0.0);
+// Gaussian curvature as the angle deficit, not divided by the area. Faces without an area count
+// too: at a vertex on the side of a larger face, half of the turn may lie in such a face.
+std::vector<double> curvatures(const MeshView& mesh, const std::vector<FaceTerms>& terms,
+                               const std::vector<VertexKind>& kinds) {
   std::vector<double> curvature;
   curvature.reserve(kinds.size());
   for (const VertexKind kind : kinds) {
     curvature.push_back(kind == VertexKind::kBoundary ? pi : 2.0 * pi);
-    r.is_non_manifold = r.is_non_manifold || kind == VertexKind::kNonManifold;
   }
-  for (std::size_t f = 0; f < terms.size(); ++f) {
-    if (!has_area(f)) {
-      ++r.skipped_faces;
-      continue;
-    }
-    r.total_area += terms[f].area;
-    for (int k = 0; k < 3; ++k) {
-      const std::int32_t v = mesh.faces(static_cast<Eigen::Index>(f), k);
-      curvature[v] -= terms[f].angle[k];
-      r.area[v] += terms[f].area / 3.0;
-    }
+  for (Eigen::Index f = 0; f < mesh.num_faces(); ++f) {
+    for (int k = 0; k < 3; ++k) curvature[mesh.faces(f, k)] -= terms[f].angle[k];
   }
-  if (!(r.total_area > 0.0)) {
-    throw InputError(std::string(name) + ": expected a surface with an area");
-  }
+  return curvature;
+}
 
-  // Laplacian of the curvature with cotangent weights.
-  std::vector<double> weighted(kinds.size(), 0.0);
-  std::vector<double> weights(kinds.size(), 0.0);
-  for (std::size_t f = 0; f < terms.size(); ++f) {
-    if (!has_area(f)) continue;
+// Magnitude of the Laplacian of the curvature's magnitude, with cotangent weights; 0 at vertices in
+// no face with an area.
+std::vector<double> local_roughness(const MeshView& mesh, const std::vector<FaceTerms>& terms,
+                                    const std::vector<double>& curvature) {
+  std::vector<double> weighted(curvature.size(), 0.0);
+  std::vector<double> weights(curvature.size(), 0.0);
+  for (Eigen::Index f = 0; f < mesh.num_faces(); ++f) {
+    if (!(terms[f].area > 0.0)) continue;
     for (int k = 0; k < 3; ++k) {
-      const std::int32_t i = mesh.faces(static_cast<Eigen::Index>(f), (k + 1) % 3);
-      const std::int32_t j = mesh.faces(static_cast<Eigen::Index>(f), (k + 2) % 3);
+      const std::int32_t i = mesh.faces(f, (k + 1) % 3);
+      const std::int32_t j = mesh.faces(f, (k + 2) % 3);
       const double w = terms[f].weight[k];
       weighted[i] += w * std::abs(curvature[j]);
       weighted[j] += w * std::abs(curvature[i]);
@@ -148,24 +137,43 @@ Roughness measure_roughness(const MeshView& mesh, const char* name, int num_thre
       weights[j] += w;
     }
   }
-  r.local.assign(kinds.size(), 0.0);
-  for (std::size_t v = 0; v < kinds.size(); ++v) {
-    if (!(weights[v] > 0.0)) continue;  // the vertex is in no face with an area
-    r.local[v] = std::abs(std::abs(curvature[v]) - weighted[v] / weights[v]);
-    r.mean += r.local[v] * r.area[v];
+  std::vector<double> local(curvature.size(), 0.0);
+  for (std::size_t v = 0; v < local.size(); ++v) {
+    if (!(weights[v] > 0.0)) continue;
+    local[v] = std::abs(std::abs(curvature[v]) - weighted[v] / weights[v]);
   }
+  return local;
+}
+
+Roughness measure_roughness(const MeshView& mesh, const char* name, int num_threads,
+                            const Progress& progress) {
+  const auto terms = face_terms(mesh, num_threads, progress);
+  const auto kinds = classify_vertices(mesh);
+  Roughness r;
+  r.is_non_manifold = std::ranges::find(kinds, VertexKind::kNonManifold) != kinds.end();
+  r.area.assign(kinds.size(), 0.0);
+  for (Eigen::Index f = 0; f < mesh.num_faces(); ++f) {
+    r.skipped_faces += terms[f].area > 0.0 ? 0 : 1;
+    r.total_area += terms[f].area;
+    for (int k = 0; k < 3; ++k) r.area[mesh.faces(f, k)] += terms[f].area / 3.0;
+  }
+  if (!(r.total_area > 0.0)) {
+    throw InputError(std::string(name) + ": expected a surface with an area");
+  }
+  r.local = local_roughness(mesh, terms, curvatures(mesh, terms, kinds));
+  for (std::size_t v = 0; v < kinds.size(); ++v) r.mean += r.local[v] * r.area[v];
   r.mean /= r.total_area;
   return r;
 }
 
 double global_roughness(const Roughness& r, double lower_mean) {
   const double highest = std::max(kMaxRoughness, kMaxOverMean * lower_mean);
-  const double floor = std::pow(kMinRoughness, kExponent);
-  const double turn = std::pow(std::max(lower_mean, kMinRoughness), kExponent) - floor;
+  const double least = std::pow(kMinRoughness, kExponent);
+  const double turn = std::pow(std::max(lower_mean, kMinRoughness), kExponent) - least;
   double sum = 0.0;
   for (std::size_t v = 0; v < r.local.size(); ++v) {
     const double local = std::clamp(r.local[v], kMinRoughness, highest);
-    const double modulated = std::pow(local, kExponent) - floor;
+    const double modulated = std::pow(local, kExponent) - least;
     const double excess = std::max(0.0, modulated - turn);
     sum += (modulated - 0.5 * excess) * r.area[v];
   }
