@@ -20,7 +20,7 @@ namespace {
 
 /// Length of edges, in the unit of FastMesh, below which RoundingWeld decides. Its limit is in
 /// double precision, so this one is larger by several roundings.
-constexpr float kShortEdge = 1.5F * static_cast<float>(RoundingWeld::kFarthest);
+constexpr float kShortEdge = 1.5F * static_cast<float>(RoundingWeld::kFarthestOfDiagonal);
 
 /// Two faces on one side of their edge have nearly opposite normals. One of these then forms an
 /// angle of more than 80 degrees with the mean normal around the vertex; this is its cosine.

@@ -14,8 +14,8 @@
 namespace manip3d {
 namespace {
 
-/// Relative to the longest edge at a vertex.
-constexpr double kFarthestOfEdge = 1e-3;
+/// Largest distance for welding, relative to the longest edge at a vertex.
+constexpr double kFarthestOfEdges = 1e-3;
 
 /// Calls body(a, b) for each edge of each face.
 template <typename Body>
@@ -29,11 +29,14 @@ class NearVertices {
  public:
   NearVertices(const MeshView& mesh, const std::vector<bool>& locked)
       : mesh_(mesh),
-        farthest_(RoundingWeld::kFarthest * bounding_box(mesh).diagonal()),
+        farthest_(RoundingWeld::kFarthestOfDiagonal * bounding_box(mesh).diagonal()),
         reach_(mesh.num_vertices(), 0.0) {
-    measure(locked);
-    for_each_edge(mesh, [&](std::int32_t a, std::int32_t b) { any_ |= are_near(a, b); });
-    if (!any_) return;
+    bool has_short_edges = false;  // no reach is longer, also not that of a place
+    for_each_edge(mesh, [&](std::int32_t a, std::int32_t b) {
+      has_short_edges |= a != b && distance(a, b) <= farthest_;
+    });
+    if (!has_short_edges) return;
+    find_reaches(locked);
     find_places();
     into_ = place_;
     is_joined_.assign(mesh.num_vertices(), false);
@@ -59,9 +62,10 @@ class NearVertices {
     return a != b && distance(a, b) <= std::min(reach_[a], reach_[b]);
   }
 
-  void measure(const std::vector<bool>& locked) {
+  /// Finds the reach of each vertex; find_places() then gives all at one position the longest one.
+  void find_reaches(const std::vector<bool>& locked) {
     for_each_edge(mesh_, [&](std::int32_t a, std::int32_t b) {
-      const double length = kFarthestOfEdge * distance(a, b);
+      const double length = kFarthestOfEdges * distance(a, b);
       reach_[a] = std::max(reach_[a], length);
       reach_[b] = std::max(reach_[b], length);
     });

@@ -17,7 +17,7 @@ class RoundingWeld {
   /// Largest distance for welding, relative to the diagonal. Coordinates in single precision that
   /// were computed from angles, or shifted by a few diagonals, have errors of 1e-7 to 5e-7 of it,
   /// and so have files with six decimals.
-  static constexpr double kFarthest = 1e-6;
+  static constexpr double kFarthestOfDiagonal = 1e-6;
 
   /// @param mesh    Must outlive this object.
   /// @param locked  By vertex; empty: none.
@@ -36,7 +36,7 @@ class RoundingWeld {
  private:
   MeshView mesh_;
   Indices into_;  // by vertex: the one to which it was welded; empty: none was
-  Faces faces_;   // empty: those of the input
+  Faces faces_;   // those of mesh(); empty if no vertices were welded
 };
 
 }  // namespace manip3d
