@@ -139,6 +139,8 @@ VertexExchange::Removal VertexExchange::removal_of(const Surface& surface,
     const PixelPlace at = place_of(mesh, v), a = place_of(mesh, fan.neighbors[0]),
                      c = place_of(mesh, fan.neighbors[last]);
     const std::int64_t turn = doubled_area(at, a, c);
+    // Without the vertex the boundary runs straight from a to c. Where it bulges, surface is lost;
+    // where it is dented, surface is gained.
     if (turn > 0) lost = static_cast<float>(used.beside(c, at, a)) * price_beside(c, at, a);
     if (turn < 0) lost = -static_cast<float>(used.behind(a, at, c)) * price_beside(a, at, c);
   }
@@ -146,20 +148,18 @@ VertexExchange::Removal VertexExchange::removal_of(const Surface& surface,
   if (into < 0) return kMustStay;
   const std::int32_t to = fan.neighbors[into];
   float cost = lost * price - now;
-  for (int k = 0; k < fan.size && cost < most; ++k) {
+  for (int k = 0; k < fan.size && cost < most; ++k) {  // a part of the cost is a lower bound
     const std::int32_t a = fan.neighbors[k], b = fan.next(k);
     if (a != to && b != to)
       cost += cost_of(surface, flaws_, {pixel(to), pixel(a), pixel(b)}, price);
   }
-  return cost < most ? Removal{cost, to} : kMustStay;
+  return {cost, cost < most ? to : kNoVertex};
 }
 
-/// The end pixel near a boundary edge that covers the most as a vertex on it.
-VertexExchange::Insertion VertexExchange::insertion_at(const Surface& surface,
-                                                       const Triangulation& mesh,
-                                                       std::int32_t v) const {
-  constexpr Insertion kNothing = {0.0F, kNoVertex};
-  const std::int32_t next = mesh.first_neighbor(v), apex = apex_of(mesh, v, next);
+/// The end pixel near a boundary edge that covers the most as a vertex on it, for what it bridges.
+VertexExchange::Place VertexExchange::best_place(const Surface& surface, const Triangulation& mesh,
+                                                 std::int32_t v, std::int32_t next,
+                                                 std::int32_t apex) const {
   const PixelPlace a = place_of(mesh, v), b = place_of(mesh, next), c = place_of(mesh, apex);
   const std::int64_t du = b[0] - a[0], dv = b[1] - a[1],
                      reach2 = (du * du + dv * dv) * kInsertionReach * kInsertionReach;
@@ -168,8 +168,8 @@ VertexExchange::Insertion VertexExchange::insertion_at(const Surface& surface,
                      low = std::max(std::min(a[1], b[1]) - kInsertionReach, 0),
                      high = std::min(std::max(a[1], b[1]) + kInsertionReach, surface.rows() - 1);
   const UsedPixels used(surface, used_before_);
-  std::int32_t best = kNoVertex;
-  float most = 0.0F, covered = 0.0F;
+  Place best = {kNoVertex, 0.0F};
+  float most = 0.0F;
   for (PixelPlace p = {left, low}; p[1] <= high; ++p[1]) {
     for (p[0] = left; p[0] <= right; ++p[0]) {
       const std::int64_t side = doubled_area(a, b, p);
@@ -185,12 +185,23 @@ VertexExchange::Insertion VertexExchange::insertion_at(const Surface& surface,
                                 {mesh.vertex(v).pixel, pixel, mesh.vertex(next).pixel})
                : -bridged_halves(surface, flaws_,
                                  {mesh.vertex(v).pixel, mesh.vertex(next).pixel, pixel});
-      const float more = static_cast<float>(pixels) * price_beside(a, p, b);
-      const float gain = more - 0.5F * kFalseFactor * static_cast<float>(bridged);
-      if (gain > most) most = gain, covered = more, best = pixel;
+      const float covered = static_cast<float>(pixels) * price_beside(a, p, b);
+      const float gain = covered - 0.5F * kFalseFactor * static_cast<float>(bridged);
+      if (gain > most) most = gain, best = {pixel, covered};
     }
   }
-  if (best == kNoVertex) return kNothing;
+  return best;
+}
+
+/// The gain of a vertex at the best place near the edge from a boundary vertex to its first
+/// neighbour.
+VertexExchange::Insertion VertexExchange::insertion_at(const Surface& surface,
+                                                       const Triangulation& mesh,
+                                                       std::int32_t v) const {
+  constexpr Insertion kNothing = {0.0F, kNoVertex};
+  const std::int32_t next = mesh.first_neighbor(v), apex = apex_of(mesh, v, next);
+  const auto [pixel, covered] = best_place(surface, mesh, v, next, apex);
+  if (pixel == kNoVertex) return kNothing;
   const std::int32_t at_a = mesh.vertex(v).pixel, at_b = mesh.vertex(next).pixel,
                      at_c = mesh.vertex(apex).pixel;
   Fan corner;
@@ -198,9 +209,9 @@ VertexExchange::Insertion VertexExchange::insertion_at(const Surface& surface,
   corner.neighbors[0] = next, corner.neighbors[1] = apex;
   const float price = price_of_pixel(mesh, corner, v);
   const float gain = covered * price + cost_of(surface, flaws_, {at_a, at_b, at_c}, price) -
-                     cost_of(surface, flaws_, {at_a, best, at_c}, price) -
-                     cost_of(surface, flaws_, {best, at_b, at_c}, price);
-  return gain > 0.0F && gain < kInfinityF ? Insertion{gain, best} : kNothing;
+                     cost_of(surface, flaws_, {at_a, pixel, at_c}, price) -
+                     cost_of(surface, flaws_, {pixel, at_b, at_c}, price);
+  return gain > 0.0F && gain < kInfinityF ? Insertion{gain, pixel} : kNothing;
 }
 
 /// Computes gains and costs of the vertices around which the mesh has changed.
@@ -224,7 +235,9 @@ void VertexExchange::evaluate(const Surface& surface, const Triangulation& mesh,
     if (!mesh.vertex(v).alive()) continue;
     ticker.tick();
     const bool may_go = keep.empty() || keep[mesh.vertex(v).pixel] == Keep::kFree;
-    if (may_go && is_stale_[v] != 0) removals_[v] = removal_of(surface, mesh, v, most);
+    Removal& removal = removals_[v];
+    const bool is_unknown = is_stale_[v] != 0 || (removal.to == kNoVertex && removal.cost < most);
+    if (may_go && is_unknown) removal = removal_of(surface, mesh, v, most);
     if (removals_[v].to != kNoVertex) cheapest_.push_back(v);
     is_stale_[v] = 0;
   }
@@ -334,7 +347,7 @@ bool VertexExchange::run(const Surface& surface, Triangulation& mesh, std::span<
     if (!exchange(surface, mesh, ticker)) break;
     changed = true;
   }
-  if (changed) mesh.compact();
+  mesh.compact();  // also where nothing changed: a vertex may have been added and removed again
   return changed;
 }
 

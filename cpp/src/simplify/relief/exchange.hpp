@@ -26,15 +26,24 @@ class VertexExchange {
 
  private:
   struct Removal {
-    float cost;  ///< Infinite: the vertex must stay.
-    std::int32_t to;
+    float cost;       ///< Infinite: the vertex must stay; without a neighbour, at least this.
+    std::int32_t to;  ///< The neighbour; none if the vertex must stay or its removal is too dear.
   };
   struct Insertion {
     float gain;  ///< 0: nothing to gain.
     std::int32_t pixel;
   };
+  /// @param most  Removals that cost as much are not computed to their end.
   [[nodiscard]] Removal removal_of(const Surface& surface, const Triangulation& mesh,
                                    std::int32_t v, float most) const;
+  /// A pixel for a new vertex; `covered` weighs the surface that it adds, or takes away if
+  /// negative.
+  struct Place {
+    std::int32_t pixel;
+    float covered;
+  };
+  [[nodiscard]] Place best_place(const Surface& surface, const Triangulation& mesh, std::int32_t v,
+                                 std::int32_t next, std::int32_t apex) const;
   [[nodiscard]] Insertion insertion_at(const Surface& surface, const Triangulation& mesh,
                                        std::int32_t v) const;
   void evaluate(const Surface& surface, const Triangulation& mesh, std::span<const Keep> keep,
