@@ -161,6 +161,7 @@ class Flood {
     // Another neighbour offered the same.
     if (offered_[point] != kNothing && offer_[point] == label) return;
     const auto d = bones_.to(label, points_.x[point], points_.y[point], points_.z[point]);
+    // Only reach_ may be infinite: a bone with seeds has usable joints, which are within 100 m.
     if (!(d.skin <= reach_)) return;
     const std::uint32_t rank = ordered(d.judged);
     const bool better =
