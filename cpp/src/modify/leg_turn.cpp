@@ -149,7 +149,7 @@ class PlaneFit {
   explicit PlaneFit(const BodyFrame& trunk) : trunk_(trunk) {}
 
   /// Does one Gauss-Newton step.
-  /// @param scale  Of the weights, metres.
+  /// @param scale  Residual at which the weight is a quarter, metres.
   void step(const SeenLeg& intact, const SeenLeg& affected, double scale) {
     // Standard deviations of turn, roll, shift and bend. A narrower prior would pull the plane of
     // turned legs to that of the trunk.
