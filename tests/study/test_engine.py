@@ -290,6 +290,14 @@ def test_simulated_participants_and_people_do_not_mix(definition: Path, tmp_path
             run_study(study, folder, seconds=0.1)
 
 
+def test_a_negative_seed_begins_nobody(definition: Path, tmp_path: Path) -> None:
+    study, content = read_study(definition)
+    with StudyFolder(tmp_path / "answers", content) as folder:
+        with pytest.raises(InputError, match="seed: expected 0 or more, got -1"):
+            simulate_participants(study, folder, 1, seed=-1)
+        assert not folder.sessions
+
+
 def test_simulated_answers_do_not_depend_on_the_calls_that_gave_them(
     definition: Path, tmp_path: Path
 ) -> None:
@@ -743,6 +751,12 @@ def test_each_empty_wording_is_named(tmp_path: Path) -> None:
             '["a", "a"]',
             "displays: expected a list of 1 to 6",
         ),
+        (
+            '["3D TV", "Oculus Rift", "Gear VR"]',
+            '["TV", "TV "]',
+            "displays: expected a list of 1 to 6 different texts",
+        ),
+        ('["expert", "healthy"]', '["All", "healthy"]', "groups: expected no group named all"),
         ("seed = 1", "seed = 1979-05-27", "seed: expected a whole number"),
         ("seed = 1", "seed = ", "expected TOML or JSON"),
     ],

@@ -8,6 +8,7 @@ import json
 import math
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -353,6 +354,15 @@ def test_compositions_are_checked(tmp_path: Path) -> None:
         make_rating_stimuli(tmp_path / "a", composition=wrong)
     with pytest.raises(InputError, match="frames, surfaces"):
         make_rating_stimuli(tmp_path / "a", frames=1)
+    with pytest.raises(InputError, match="seed: expected 0 to 2147483647, got -1"):
+        make_rating_stimuli(tmp_path / "a", seed=-1)
+    for count in (-1, 1.5):
+        few: Any = {("image", "color", "full"): {"real": count}}
+        with pytest.raises(InputError, match="full: expected a whole number of real from 0 on"):
+            make_rating_stimuli(tmp_path / "a", composition=few)
+    with pytest.raises(InputError, match=r"composition: expected 1 to 10000 .*, got 0"):
+        make_rating_stimuli(tmp_path / "a", composition={}, examples=False)
+    assert not (tmp_path / "a").exists()
 
 
 def own_images(folder: Path) -> Path:
@@ -425,6 +435,19 @@ def test_stimuli_of_ones_own_get_names_that_tell_nothing(tmp_path: Path) -> None
     assert again == made
     with pytest.raises(InputError, match=r"exists already; overwrite=True"):
         copy_rating_stimuli(images, tmp_path / "stimuli")
+
+
+def test_an_animated_webp_is_a_clip(tmp_path: Path) -> None:
+    pillow = pytest.importorskip("PIL.Image")
+    folder = tmp_path / "mine" / "real"
+    folder.mkdir(parents=True)
+    first, second = (pillow.new("RGBA", (8, 8), (shade, 0, 0, shade)) for shade in (50, 90))
+    first.save(folder / "moves.webp", save_all=True, append_images=[second])
+    first.save(folder / "still.webp", exif=b"Exif")  # has the extended header, too
+    made = copy_rating_stimuli(tmp_path / "mine", tmp_path / "stimuli")
+    forms = {(tmp_path / "stimuli" / i.file).read_bytes(): i.form for i in made}
+    assert forms[(folder / "moves.webp").read_bytes()] == "clip"
+    assert forms[(folder / "still.webp").read_bytes()] == "image"
 
 
 @pytest.mark.parametrize(

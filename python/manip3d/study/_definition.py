@@ -19,6 +19,9 @@ from manip3d.study._steps import NAME, Field
 MAX_BYTES = 1 << 20
 """Largest size of a definition, bytes."""
 
+ALL = "all"
+"""Name of all groups together in results."""
+
 
 class Section:
     """One table of a definition, read key by key; keys that were not read are errors.
@@ -102,12 +105,11 @@ class Section:
     ) -> tuple[str, ...]:
         """Read a list of different texts."""
         value = self._take(key, default, "a list of texts")
-        good = isinstance(value, list | tuple) and all(
-            isinstance(v, str) and v.strip() for v in value
-        )
-        if not good or not least <= len(value) <= most or len(set(value)) != len(value):
+        are_texts = isinstance(value, list | tuple) and all(isinstance(v, str) for v in value)
+        texts = tuple(each.strip() for each in value) if are_texts else ("",)
+        if not all(texts) or not least <= len(texts) <= most or len(set(texts)) != len(texts):
             self.fail(key, f"a list of {least} to {most} different texts that are not empty")
-        return tuple(each.strip() for each in value)
+        return texts
 
     def section(self, key: str) -> Section:
         """Read a table inside this one."""
@@ -182,13 +184,16 @@ class Common:
     @classmethod
     def read(cls, top: Section, kinds: Sequence[str]) -> Common:
         """Read these fields from the top of a definition."""
+        groups = top.texts("groups", (), least=0, most=20)
+        if ALL in map(str.lower, groups):
+            top.fail("groups", f"no group named {ALL}, which results call all participants")
         return cls(
             kind=top.word("kind", kinds),
             title=top.text("title", most=200),
             seed=top.whole("seed", 0, 2**31 - 1, 0),
             consent=top.texts("consent"),
             introduction=top.texts("introduction", (), least=0),
-            groups=top.texts("groups", (), least=0, most=20),
+            groups=groups,
             demographics=_fields(top.sections("demographics", least=0, most=30)),
         )
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from manip3d._util.reprs import short_repr
-from manip3d.study._definition import Common, Section
+from manip3d.study._definition import ALL, Common, Section
 from manip3d.study._engine import ListedStudy
 from manip3d.study._steps import Field, Step, Value
 from manip3d.study._store import Session
@@ -278,7 +278,7 @@ class DisplayStudy(ListedStudy):
                         published = None if group else PUBLISHED_AGREE.get(topic, {}).get(display)
                         rows.append(
                             {
-                                "group": group or "all",
+                                "group": group or ALL,
                                 "display": display,
                                 "part": part.title,
                                 "question": name,

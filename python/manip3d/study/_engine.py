@@ -68,7 +68,7 @@ class Study(ABC):
 
     @abstractmethod
     def progress(self, session: Session) -> float:
-        """Return the share of the study's own steps that are answered.
+        """Return how far the participant is, 0 to 1.
 
         Parameters
         ----------
@@ -638,7 +638,7 @@ def simulate_participants(
     Raises
     ------
     InputError
-        ``count`` is out of range, or the folder holds other participants.
+        ``count`` or ``seed`` is out of range, or the folder holds other participants.
     OSError
         An answer could not be written.
 
@@ -656,6 +656,8 @@ def simulate_participants(
     """
     if not 1 <= count <= 10_000:
         raise InputError(f"count: expected 1 to 10000, got {count}")
+    if seed < 0:
+        raise InputError(f"seed: expected 0 or more, got {seed}")
     people = [code for code, session in folder.sessions.items() if not session.is_simulated]
     if people:
         raise InputError(

@@ -190,12 +190,18 @@ def make_rating_stimuli(
         raise InputError(
             f"frames, surfaces: expected 2 to 1000 and 0 to 1000, got {frames} and {surfaces}"
         )
+    _check_seed(seed)
     _check_composition(wanted)
+    plan = _planned(wanted, examples=examples, surfaces=surfaces)
+    if not 1 <= len(plan) <= _MAX_STIMULI:
+        raise InputError(
+            f"composition: expected 1 to {_MAX_STIMULI} stimuli with examples and surfaces, "
+            f"got {len(plan)}"
+        )
     target = path_of(output)
     refuse_existing(target, overwrite=overwrite, name="output")
     refuse_other_stimuli(target, MANIFEST)
     require("simulate")
-    plan = _planned(wanted, examples=examples, surfaces=surfaces)
     random = np.random.default_rng(seed)
     names = random.choice(16**6, size=len(plan), replace=False)
     made = []
@@ -213,6 +219,11 @@ def make_rating_stimuli(
     return tuple(made)
 
 
+def _check_seed(seed: int) -> None:
+    if not 0 <= seed < 2**31:
+        raise InputError(f"seed: expected 0 to {2**31 - 1}, got {seed}")
+
+
 def _check_composition(composition: Mapping[tuple[str, str, str], Mapping[str, int]]) -> None:
     for (form, modality, resolution), counts in composition.items():
         good = form in FORMS and modality in _DRAW and resolution in ("full", "low")
@@ -221,6 +232,12 @@ def _check_composition(composition: Mapping[tuple[str, str, str], Mapping[str, i
                 f"composition: {form}, {modality}, {resolution}: expected image or clip; "
                 f"{', '.join(_DRAW)}; full or low; numbers of real, type1 and type2"
             )
+        for truth, count in counts.items():
+            if not isinstance(count, int | np.integer) or count < 0:
+                raise InputError(
+                    f"composition: {form}, {modality}, {resolution}: expected a whole number of "
+                    f"{truth} from 0 on, got {count!r}"
+                )
 
 
 def _planned(
@@ -273,7 +290,8 @@ def copy_rating_stimuli(
         A folder with sub-folders ``real``, ``type1``, ``type2``, ``added`` or ``deformed``, whose
         names are the truth. Folders below them may be named by modality (``depth``, ``color``,
         ``rendered``, ``surface``; default: ``color``), ``low`` for low resolution, and ``example``
-        for stimuli that are shown before the questions. Hidden files are left out.
+        for stimuli that are shown before the questions. Files ``.gif``, ``.webm``, ``.mp4`` and
+        animated ``.webp`` are clips, all others images. Hidden files are left out.
     output : path-like
         Folder to create, with ``stimuli.csv``.
     seed : int
@@ -322,8 +340,7 @@ def copy_rating_stimuli(
     refuse_other_stimuli(target, MANIFEST)
     if target.resolve().is_relative_to(source.resolve()):
         raise InputError("output: expected a folder beside that of the images, not within it")
-    if not 0 <= seed < 2**31:
-        raise InputError(f"seed: expected >= 0, got {seed}")
+    _check_seed(seed)
     files = sorted(
         path
         for path in source.rglob("*")
@@ -333,7 +350,7 @@ def copy_rating_stimuli(
         raise InputError(f"images: expected 1 to {_MAX_STIMULI} files, found {len(files)}")
     names = np.random.default_rng(seed).choice(16**6, size=len(files), replace=False)
     made = [
-        _own_item(path.relative_to(source), f"{name:06x}")
+        _own_item(path.relative_to(source), f"{name:06x}", is_clip=_is_clip(path))
         for path, name in zip(files, names.tolist(), strict=True)
     ]
     for path in files:
@@ -389,7 +406,21 @@ def _in_8_bits(path: Path, modality: str, scale: tuple[float, float]) -> Image:
     return np.repeat((255.0 * share).astype(np.uint8)[..., None], 3, axis=2)
 
 
-def _own_item(place: Path, name: str) -> Item:
+def _is_clip(path: Path) -> bool:
+    """Return whether a file shows several pictures, by its suffix or the header of a WebP file."""
+    suffix = path.suffix.lower()
+    return suffix in _CLIPS or (suffix == ".webp" and _is_animated(path))
+
+
+def _is_animated(path: Path) -> bool:
+    """Return whether a WebP file is an animation [RFC 9649, section 2.7: flag A of VP8X]."""
+    with open_regular(path) as stream:
+        header = stream.read(21)
+    is_extended = len(header) == 21 and (header[:4], header[8:16]) == (b"RIFF", b"WEBPVP8X")
+    return is_extended and bool(header[20] & 0x02)
+
+
+def _own_item(place: Path, name: str, *, is_clip: bool) -> Item:
     """Return the stimulus described by the names of a file's folders."""
     truth, *others = place.parts[:-1] or ("",)
     suffix = place.suffix.lower()
@@ -406,7 +437,7 @@ def _own_item(place: Path, name: str) -> Item:
             f"images: {place}: expected folders of {', '.join(sorted(known))} below {truth}"
         )
     modality = next((other for other in others if other in MODALITIES), "color")
-    form = "clip" if suffix in _CLIPS else "image"
+    form = "clip" if is_clip else "image"
     resolution = "low" if _LOW in others else "full"
     return Item(f"{name}{suffix}", truth, modality, form, resolution, "", _EXAMPLE in others)
 

@@ -60,8 +60,8 @@ class Answer:
     time_ns : int
         Time of storage, as of `time.time_ns`.
     assigned : int or None
-        Place in the sequence of orders, from `StudyFolder.next_place`. It is set in the step that
-        asks for the group, or in the consent if the study has no groups.
+        Place in the sequence of orders, from `StudyFolder.next_place`. It is set in the step about
+        the participant (group or demographics), or in the consent if the study asks for neither.
     """
 
     step: str
