@@ -15,9 +15,11 @@ import sys
 import time
 from collections.abc import Iterator
 from datetime import date, datetime, timedelta, timezone
+from math import inf, nan
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from manip3d import FormatError, InputError
@@ -28,6 +30,7 @@ pytest.importorskip("cryptography", reason="the extra 'diary' is not installed")
 import sqlalchemy as sql
 
 from manip3d.diary import (
+    OWNERSHIP,
     Diary,
     DiaryGame,
     DiarySession,
@@ -220,6 +223,15 @@ def test_refusals(diary: Diary) -> None:
         (lambda: diary.add_event("P01", "other", "\x1b[31mred"), r"without .* got '\\x1b\[31mred'"),
         (lambda: diary.enrol("P03", limb="tail"), r"limb: expected left_arm, .*, got .tail."),
         (lambda: diary.add_game(session, game(name="pi\x00ano")), "game: expected a text without"),
+        (lambda: diary.add_game(session, game(name="no/game")), "game: expected 1 to 64 .*'no/ga"),
+        (lambda: diary.add_game(session, game(name="")), "game: expected 1 to 64 characters"),
+        (lambda: diary.add_game(session, game(seconds=nan)), "seconds: expected a finite number"),
+        (lambda: diary.add_game(session, game(tracked=inf)), "tracked: expected a finite number"),
+        (lambda: diary.add_game(session, game(score=3.5)), "score: expected a whole number"),
+        (
+            lambda: diary.add_game(session, game(anomalies=((4.0, nan),))),
+            "anomalies: expected a finite number, got nan",
+        ),
         (lambda: diary.add_game(session, game(limb="tail")), "limb: expected left_arm"),
         (lambda: diary.add_game(session, game(ending="bored")), "ending: expected time, misses"),
         (
@@ -237,6 +249,20 @@ def test_refusals(diary: Diary) -> None:
     assert len(diary.mcgill("P01")) == 1
     assert diary.sessions("P01")[0].ratings == ()
     diary.check()
+
+
+def test_numbers_of_numpy_are_stored_as_those_of_python(diary: Diary) -> None:
+    diary.enrol("P01")
+    session = diary.start_session("P01")
+    changes = {"seconds": np.float32(60), "latency_ms": np.float64(31.5), "seed": np.uint8(11)}
+    changes |= {"score": np.int64(17), "anomalies": np.array([[4.0, 16.5], [30.0, 44.0]])}
+    diary.add_game(session, game(**changes))
+    assert diary.sessions("P01")[0].games == (game(),)
+    filled = diary.add_mcgill("P01", np.ones(20, np.int64), np.int64(2), occasion="baseline")
+    assert diary.mcgill("P01")[0].ranks == filled.ranks == (1,) * 20
+    given = diary.add_answers("P01", OWNERSHIP, np.arange(-3, 3))
+    assert diary.answers("P01")[-1].answers == given.answers == (-3, -2, -1, 0, 1, 2)
+    assert given.scores == OWNERSHIP.score(np.arange(-3, 3)) == {"ownership": -2, "control": 1}
 
 
 def test_a_diary_that_was_closed_refuses(tmp_path: Path) -> None:

@@ -281,6 +281,33 @@ def test_an_adverse_event_keeps_its_words(diary: Diary) -> None:
     assert any("session: The pain rose from 5 to 7." in text for text in texts)
 
 
+def test_a_pain_that_a_therapist_reports_is_not_said_to_have_risen(diary: Diary) -> None:
+    diary.add_event("P01", "pain", "the stump burns", at=START)
+    texts = [
+        entry["resource"]["event"]["text"]
+        for entry in fhir_bundle(diary, "P01")["entry"]
+        if entry["resource"]["resourceType"] == "AdverseEvent"
+    ]
+    assert "Pain: the stump burns" in texts
+    assert sum("rose by 2 or more" in text for text in texts) == 1  # the stop rule's
+
+
+def test_a_rating_in_play_is_not_said_to_be_after_the_session(diary: Diary) -> None:
+    diary.enrol("P03", at=START)
+    session = diary.start_session("P03", at=START)
+    diary.add_rating("P03", 2, session=session, at=START)
+    diary.begin_play(session, at=START)
+    diary.add_rating("P03", 3, session=session, at=START + timedelta(seconds=50))
+    diary.add_rating("P03", 4, at=START + timedelta(hours=1))
+    notes = {
+        resource["valueInteger"]: resource.get("note")
+        for resource in (entry["resource"] for entry in fhir_bundle(diary, "P03")["entry"])
+        if "coding" in resource.get("code", {})
+    }
+    before, after = "before play", "after the start of play"
+    assert notes == {2: [{"text": before}], 3: [{"text": after}], 4: None}
+
+
 def photo(shade: int) -> bytes:
     content = io.BytesIO()
     Image.new("RGB", (64, 48), (shade, 90, 40)).save(content, "JPEG")

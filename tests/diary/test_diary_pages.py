@@ -7,6 +7,7 @@ import re
 import time
 from datetime import UTC, date, datetime, timedelta, timezone
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -134,6 +135,26 @@ def test_people_who_differ_by_capital_letters_have_pages_of_their_own(tmp_path: 
         "Q01": "participant-Q01.html", "p01": "participant-p01-2.html",
         "q01": "participant-q01-3.html",
     }  # fmt: skip
+
+
+def test_who_is_enrolled_while_the_pages_are_written_is_on_the_next_ones(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    page_of = _page._page
+
+    def slow(*arguments: Any, **options: Any) -> str:
+        with Diary(tmp_path / "d") as other:
+            other.enrol("P02")
+        return page_of(*arguments, **options)
+
+    monkeypatch.setattr(_page, "_page", slow)
+    with Diary(tmp_path / "d", create=True) as diary:
+        diary.enrol("P01")
+        write_overview(diary, tmp_path / "pages")
+        assert len(diary.participants()) == 2
+    overview = (tmp_path / "pages" / "index.html").read_text()
+    assert "1 enrolled" in overview
+    assert "P02" not in overview
 
 
 def test_a_page_has_the_trends_of_what_a_person_did(tmp_path: Path) -> None:

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import os
+import re
 import sqlite3
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
 from datetime import datetime
 from typing import Any, Literal, get_args
+
+import numpy as np
 
 from manip3d._util.checked import checked
 from manip3d._util.paths import legible_path_of
@@ -36,6 +40,8 @@ from manip3d.errors import InputError
 from manip3d.io._files import sha256_of
 from manip3d.modify import Limb
 
+_GAME = re.compile(r'[^/\\:*?"<>|\n]{1,64}')
+"""Names that can be a part of a file's name on every system."""
 _ENDINGS = ("time", "misses", "done", "stopped", "interrupted")
 
 
@@ -267,16 +273,14 @@ class Diary(DiaryReading):
         Raises
         ------
         InputError
-            An unknown session, game, limb or ending; clips of a participant who did not consent; or
-            numbers of clips and of anomalies differ.
+            An unknown session, limb, ending or ``replaces``; a name of a game that cannot be a part
+            of file names; a number that is not finite, or not whole though it must be; clips of a
+            participant who did not consent; or numbers of clips and of anomalies differ.
         """
         if clips and len(clips) != len(game.anomalies):
             raise InputError(f"clips: expected {len(game.anomalies)}, got {len(clips)}")
-        _check_limb(game.limb)
-        if game.ending not in _ENDINGS:
-            raise InputError(f"ending: expected {', '.join(_ENDINGS)}, got {game.ending!r}")
-        fields: dict[str, Any] = asdict(game) | {"at": aware(game.at).isoformat()}
-        del fields["anomalies"], fields["number"]
+        fields = _fields_of(game)
+        anomalies = fields.pop("anomalies")
         with self._file.begin() as rows:
             participant = rows.find_by_session(session)
             if replaces is None:
@@ -289,7 +293,7 @@ class Diary(DiaryReading):
                 rows.delete_anomalies(row)
             if any(clips) and not participant.fields.get("clips", False):
                 raise InputError("clips: expected none, as the participant did not consent")
-            for which, (start, end) in enumerate(game.anomalies):
+            for which, (start, end) in enumerate(anomalies):
                 part = {"start": start, "end": end}
                 anomaly = rows.add(schema.ANOMALIES, participant, part, game=row)
                 if clips and clips[which]:
@@ -398,10 +402,11 @@ class Diary(DiaryReading):
             questionnaire.
         """
         score = score_mcgill(ranks, ppi)
+        given = tuple(int(rank) for rank in ranks)  # NumPy's integers become Python's
         moment = aware(at)
-        fields = {"at": moment.isoformat(), "occasion": occasion, "ranks": list(ranks), "ppi": ppi}
+        fields = {"at": moment.isoformat(), "occasion": occasion, "ranks": given, "ppi": ppi}
         self._add_filled(identifier, fields)
-        return McGill(moment, occasion, tuple(ranks), score)
+        return McGill(moment, occasion, given, score)
 
     def add_answers(
         self,
@@ -711,6 +716,45 @@ def check_event_text(text: str) -> None:
     if len(text) > 2000:
         raise InputError(f"text: expected at most 2000 characters, got {len(text)}")
     check_texts({"text": text})
+
+
+def _fields_of(game: DiaryGame) -> dict[str, Any]:
+    """Return the fields of a game as values of JSON; refuse what a diary cannot store."""
+    _check_limb(game.limb)
+    if game.ending not in _ENDINGS:
+        raise InputError(f"ending: expected {', '.join(_ENDINGS)}, got {game.ending!r}")
+    if not _GAME.fullmatch(game.game):  # any game may be stored, also one of another program
+        raise InputError(
+            'game: expected 1 to 64 characters without / \\ : * ? " < > |, because files of films '
+            f"are named by it, got {game.game!r}"
+        )
+    fields = asdict(game) | {"at": aware(game.at).isoformat()}
+    del fields["number"]
+    for name in ("difficulty", "seed", "score", "misses", "by_phantom"):
+        fields[name] = _whole(fields[name], name)
+    for name in ("seconds", "paused_s", "gain"):
+        fields[name] = _finite(fields[name], name)
+    for name in ("latency_ms", "tracked"):
+        if fields[name] is not None:
+            fields[name] = _finite(fields[name], name)
+    fields["anomalies"] = [
+        tuple(_finite(time, "anomalies") for time in ends) for ends in game.anomalies
+    ]
+    return fields
+
+
+def _whole(value: object, name: str) -> int:
+    """Return a whole number, also one of NumPy, as Python's."""
+    if not isinstance(value, int | np.integer) or isinstance(value, bool):
+        raise InputError(f"{name}: expected a whole number, got {value!r}")
+    return int(value)
+
+
+def _finite(value: object, name: str) -> float:
+    """Return a finite number, also one of NumPy, as Python's."""
+    if not isinstance(value, int | float | np.integer | np.floating) or not math.isfinite(value):
+        raise InputError(f"{name}: expected a finite number, got {value!r}")
+    return value if isinstance(value, int) else float(value)
 
 
 def _check_limb(limb: str) -> None:

@@ -16,6 +16,7 @@ from manip3d._util.checked import checked
 from manip3d._util.paths import legible_path_of, refuse_existing
 from manip3d._util.texts import legible
 from manip3d.diary._diary import Diary
+from manip3d.diary._protocol import STOP_RISE, is_stop_reason
 from manip3d.diary._records import (
     CLOCK_WENT_BACK,
     NOT_ANSWERED,
@@ -52,6 +53,7 @@ _PAIN = {
     ],
     "text": "Phantom limb pain, 0 to 10",
 }
+_WHEN = {"before": "before play", "after": "after the start of play"}
 _GAME_COLUMNS = (
     "game", "difficulty", "seed", "ending", "seconds", "paused_s", "score", "misses", "by_phantom",
     "gain", "limb", "source", "version", "latency_ms", "tracked",
@@ -358,7 +360,7 @@ def fhir_bundle(diary: Diary, identifier: str) -> dict[str, Any]:
         pain = found[_url("ratings", rating.number)] = _observation(_PAIN, about, rating.at)
         pain["valueInteger"] = rating.pain
         if rating.when != "other":
-            pain["note"] = [{"text": f"{rating.when} the session"}]
+            pain["note"] = [{"text": _WHEN[rating.when]}]
     for one in diary.mcgill(identifier):
         found[_url("questionnaires", one.number)] = _questionnaire(one, about)
     for cue in diary.ownership(identifier):
@@ -399,8 +401,10 @@ def _url(table: str, row: int) -> str:
 
 
 def _event(event: AdverseEvent, patient: Mapping[str, str]) -> dict[str, Any]:
-    told = {"pain": "Pain rose by 2 or more during a session", "sickness": "Sickness"}
-    words = ": ".join(part for part in (told.get(event.kind, ""), event.text.strip()) if part)
+    told = {"pain": "Pain", "sickness": "Sickness"}.get(event.kind, "")
+    if event.kind == "pain" and is_stop_reason(event.text):  # a therapist may report any pain
+        told = f"Pain rose by {STOP_RISE} or more during a session"
+    words = ": ".join(part for part in (told, event.text.strip()) if part)
     return {
         "resourceType": "AdverseEvent",
         "actuality": "actual",

@@ -156,17 +156,17 @@ def write_overview(
     refuse_existing(target, overwrite=overwrite, name="output")
     refuse_other_files(target, is_page_of_overview)
     day = today or date.today()
-    people = [person.identifier for person in diary.participants()]
-    names = _names_of_pages(people)
-    for identifier in people:
+    people = diary.participants()
+    names = _names_of_pages([person.identifier for person in people])
+    for identifier in names:
         diary.note_export(identifier)
     with atomic_folder(target) as folder:
-        for identifier in people:
+        for identifier, name in names.items():
             text = _page(diary, identifier, day, clips, is_linked=True)
-            (folder / names[identifier]).write_text(text, encoding="utf-8")
-        (folder / _INDEX).write_text(_overview(diary, day, names), encoding="utf-8")
-    for identifier in people:
-        diary.note_files(identifier, [target / names[identifier], target / _INDEX])
+            (folder / name).write_text(text, encoding="utf-8")
+        (folder / _INDEX).write_text(_overview(diary, day, people, names), encoding="utf-8")
+    for identifier, name in names.items():
+        diary.note_files(identifier, [target / name, target / _INDEX])
 
 
 _INDEX = "index.html"
@@ -197,8 +197,13 @@ def _names_of_pages(people: Sequence[str]) -> dict[str, str]:
     return names
 
 
-def _overview(diary: Diary, today: date, names: Mapping[str, str]) -> str:
-    people = diary.participants()
+def _overview(
+    diary: Diary, today: date, people: Sequence[Participant], names: Mapping[str, str]
+) -> str:
+    """Return the page of all ``people``, who are not those enrolled meanwhile.
+
+    Each links to the page of its name.
+    """
     rows = [_overview_row(diary, person, today, names[person.identifier]) for person in people]
     heads = ("Participant", "Limb", "Sessions done", "Last visit", "Pain", "Pain in a week",
              "Alarms")  # fmt: skip

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,6 +14,9 @@ from manip3d.errors import InputError
 
 STOP_RISE = 2
 """Rise of the pain above the first rating of a session, in points, at which the session stops."""
+
+_STOP_REASON = re.compile(r"The pain rose from \d+ to \d+\. ")
+"""Beginning of the sentences of `stop_reason`."""
 
 
 @checked
@@ -178,6 +182,11 @@ def stop_reason(before: int | None, now: int) -> str:
     if before is None or now - before < STOP_RISE:
         return ""
     return f"The pain rose from {before} to {now}. Please stop for today and tell your therapist."
+
+
+def is_stop_reason(text: str) -> bool:
+    """Return whether a text is a sentence of `stop_reason`."""
+    return bool(_STOP_REASON.match(text))
 
 
 def judge_rating(ratings: Sequence[Rating], pain: int, at: datetime, *, when: Moment) -> str:

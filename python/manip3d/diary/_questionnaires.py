@@ -149,7 +149,8 @@ class Questionnaire:
             The number of answers is wrong, or an answer is out of range.
         """
         self.check_answers(answers)
-        return {scale.name: self._score(scale, answers) for scale in self.scales}
+        given = [int(answer) for answer in answers]  # NumPy's integers become Python's
+        return {scale.name: self._score(scale, given) for scale in self.scales}
 
     @checked
     def check_answers(self, answers: Sequence[int]) -> None:
@@ -168,7 +169,7 @@ class Questionnaire:
         if len(answers) != len(self.items):
             raise InputError(f"answers: expected {len(self.items)}, got {len(answers)}")
         for number, (answer, item) in enumerate(zip(answers, self.items, strict=True), 1):
-            if not _is_whole(answer) or not item.low <= answer <= item.high:
+            if not item.low <= answer <= item.high:
                 raise InputError(
                     f"answers: expected {item.low} to {item.high} for question {number}, "
                     f"got {answer!r}"

@@ -84,7 +84,8 @@ class DiaryGame:
     at : datetime
         Time of the game's end, or of the last record of a game that did not end.
     game : str
-        Name of the game.
+        Name of the game: 1 to 64 characters that file names may have, because films are named by
+        it. Any game may be stored.
     difficulty, seed : int
         Options of the game.
     ending : str
@@ -405,7 +406,8 @@ class AdverseEvent:
     ----------
     at : datetime
     kind : str
-        ``pain`` (2 or more above the rating before the session), ``sickness`` or ``other``.
+        ``pain`` (reported by the therapist, or by the stop rule when a rating rose by 2 or more),
+        ``sickness`` or ``other``.
     text : str
         Description.
     number : int
