@@ -6,6 +6,7 @@ import json
 import math
 import re
 import signal
+import socket
 import subprocess
 import sys
 import threading
@@ -208,6 +209,25 @@ def test_a_recording_whose_next_frame_is_far_away_does_not_outlast_the_session()
     assert len(found) == 1  # and it does not begin again
     assert all(wait <= _live._AGAIN_S for wait in still.waits)
     assert sum(still.waits[1:]) <= 1.5
+
+
+def test_a_source_is_closed_if_its_page_cannot_be_served(monkeypatch: pytest.MonkeyPatch) -> None:
+    """No frame of it was asked for then."""
+
+    class Closed(PulledCamera):
+        is_closed = False
+
+        def __exit__(self, *error: object) -> None:
+            self.is_closed = True
+
+    camera = Closed()
+    monkeypatch.setattr(capture, "open_rgbd", lambda *_, **__: camera)
+    with (
+        socket.create_server(("127.0.0.1", 0)) as taken,
+        pytest.raises(DeviceError, match="in use"),
+    ):
+        run_live("openni2:", port=taken.getsockname()[1], seconds=1.0)
+    assert camera.is_closed
 
 
 def test_a_source_without_frames_is_refused_before_a_page_is_shown() -> None:

@@ -378,7 +378,9 @@ def test_a_full_disk_costs_lines_of_the_log_and_no_session(
     assert path.read_bytes() == whole
 
 
-@pytest.mark.parametrize("content", [b"manip3d diary key 1 00ff", b"SQLite format 3\0"])
+@pytest.mark.parametrize(
+    "content", [b"manip3d diary key 1 00ff", b"SQLite format 3\0", b'{"cells": []}']
+)
 def test_a_log_is_added_to_no_other_file(tmp_path: Path, content: bytes) -> None:
     path = tmp_path / "study.key"
     path.write_bytes(content)

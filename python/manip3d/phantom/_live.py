@@ -222,8 +222,9 @@ def run_live(
     Raises
     ------
     InputError, FormatError, DeviceError, OSError
-        The source cannot be opened (a camera that is disconnected later is waited for), the
-        participant has a live session in another program, or ``log`` is a file with other content.
+        The source cannot be opened (a camera that is disconnected later is waited for), the port is
+        in use, the participant has a live session in another program, or ``log`` is a file with
+        other content.
     MissingExtraError
         aiohttp or, for simulated people, Open3D is not installed; SQLAlchemy for a diary,
         MediaPipe for ``pose``.
@@ -283,8 +284,7 @@ def run_live(
         begin = functools.partial(
             open_rgbd, speed=1.0, camera=camera, units_per_metre=units_per_metre, rate=rate
         )
-        feed = _frames(address, end, begin)
-        opened.callback(feed.close)
+        feed = _frames(address, end, begin, opened)
         pages = live_pages(limb, address, asks=recorder is not None)
         made = _certificate(host, certificate)
         server = LocalServer(pages, on_message, host=host, port=port, certificate=made)
@@ -467,23 +467,26 @@ def hear(session: LiveSession, client: StreamClient, text: str, new_code: Callab
 
 
 def _frames(
-    address: str, end: float, begin: Callable[[str], RgbdSource]
-) -> Generator[_Found, None, None]:
+    address: str, end: float, begin: Callable[[str], RgbdSource], opened: ExitStack
+) -> Iterator[_Found]:
     """Open a source by ``begin``, and return an iterator over its frames in real time.
 
     Errors of opening are raised at once, not with the first frame. The iterator yields a sentence
     if there is no frame at the moment, and None before a recording is repeated. Waiting for a frame
-    stops at the time ``end`` of `time.monotonic`.
+    stops at the time ``end`` of `time.monotonic`. ``opened`` closes the source.
     """
     is_simulated = address.startswith("sim:body")
     has_end = is_simulated and "frames" in parse_qs(urlsplit(address).query)
     if is_simulated and not has_end:
         address += f"{'&' if '?' in address else '?'}frames={_ENDLESS}"
-    source = begin(address)
+    # If the server cannot start, the iterator is never begun, and does not close the source.
+    source = opened.enter_context(begin(address))
     if source.num_frames == 0:
         raise InputError(f"{address}: expected frames, found none")
     again = None if has_end else functools.partial(begin, address)
-    return _captured(address, source, end, again)
+    feed = _captured(address, source, end, again)
+    opened.callback(feed.close)
+    return feed
 
 
 def _captured(

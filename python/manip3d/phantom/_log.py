@@ -22,6 +22,8 @@ from manip3d.serve import LocalServer
 
 LOG = logging.getLogger("manip3d")
 _EVERY_S = 10.0  # time between two lines
+_BEGIN = b'{"at": "'
+"""First bytes of each line."""
 
 
 class SessionLog:
@@ -44,8 +46,8 @@ class SessionLog:
         self._path = None if path is None else path_of(path, "log")
         if self._path is not None and self._path.is_file():
             with open_regular(self._path) as file:
-                first = file.read(1)
-            if first not in (b"", b"{"):  # lines would be appended to other content
+                first = file.read(len(_BEGIN))
+            if first not in (b"", _BEGIN):  # lines would be appended to other content
                 raise InputError(
                     f"log: expected a new file or the log of a session, got {self._path}"
                 )
