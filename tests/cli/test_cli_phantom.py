@@ -191,6 +191,22 @@ def test_other_folders_are_not_replaced(tmp_path: Path) -> None:
     assert os.listdir(tmp_path / "letters") == ["dear.txt"]
 
 
+@pytest.mark.parametrize("name", ["film.mp4", "sheet.png", "pictures"])
+def test_nothing_is_replaced_unasked(tmp_path: Path, name: str) -> None:
+    output = tmp_path / name
+    output.mkdir() if name == "pictures" else output.write_bytes(b"keep me")
+    with pytest.raises(InputError, match=r"output: .* exists already; overwrite=True"):
+        render_phantom(SOURCE, output)
+    assert output.is_dir() or output.read_bytes() == b"keep me"
+
+
+@pytest.mark.parametrize("frames", [0, -1])
+def test_no_film_has_less_than_one_frame(tmp_path: Path, frames: int) -> None:
+    with pytest.raises(InputError, match=f"frames: expected 1 or more, got {frames}"):
+        render_phantom(SOURCE, tmp_path / "film", frames=frames)
+    assert not (tmp_path / "film").exists()
+
+
 def test_a_film(tmp_path: Path) -> None:
     av = pytest.importorskip("av")
     output = tmp_path / "phantom.mp4"

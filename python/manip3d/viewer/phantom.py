@@ -20,6 +20,7 @@ import numpy as np
 
 from manip3d._util.extras import imported, require
 from manip3d._util.options import reporting
+from manip3d._util.paths import refuse_existing
 from manip3d.errors import InputError
 from manip3d.io._files import atomic_folder, atomic_path, atomic_write, holds_only
 
@@ -148,6 +149,8 @@ def render_phantom(
 
     if not math.isfinite(azimuth):
         raise InputError(f"azimuth: expected a finite number, got {azimuth}")
+    if frames is not None and frames < 1:
+        raise InputError(f"frames: expected 1 or more, got {frames}")
     limb = affected or (limb_of(source) if isinstance(source, str) else "right_arm")
     options: dict[str, Any] = {"affected": limb, "mode": mode, "segmentation": segmentation}
     pipeline = PhantomPipeline(smoothing=smoothing, plane=plane, **options)
@@ -280,6 +283,7 @@ def _pictures(
 @contextmanager
 def _sink(output: Path, *, overwrite: bool) -> Iterator[Sink]:
     """Yield a film, sheet or folder, which is written atomically."""
+    refuse_existing(output, overwrite=overwrite, name="output")
     suffix = output.suffix.lower()
     if suffix == ".mp4":
         with atomic_path(output) as temporary, closing(_Film(temporary)) as film:
@@ -294,7 +298,7 @@ def _sink(output: Path, *, overwrite: bool) -> Iterator[Sink]:
         raise InputError(
             f"output: expected .mp4, .png, or a folder's name without a suffix, got {output}"
         )
-    if output.exists() and not (overwrite and holds_only(output, is_picture_of_phantom)):
+    if output.exists() and not holds_only(output, is_picture_of_phantom):
         raise InputError(
             f"output: expected a new folder, or one of pictures to overwrite, got {output}"
         )
