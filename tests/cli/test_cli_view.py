@@ -10,6 +10,7 @@ import pytest
 
 from command_line import error_line, manip3d
 from manip3d import Intrinsics, LidarFrame, Mesh, RgbdCalibration, RgbdFrame, Skeleton, capture
+from manip3d.viewer import png_bytes
 
 CAMERA = Intrinsics(32, 24, 30.0, 30.0, 15.5, 11.5)
 
@@ -197,6 +198,20 @@ def test_info_and_view_refuse_what_has_no_effect(tmp_path: Path, option: str, va
             assert done.returncode == 1, (words, sources)
             assert f"{option}: can only be given with a" in error_line(done)
     assert not page.exists()
+
+
+@pytest.mark.parametrize("option", ["--intrinsics", "--color", "--unit"])
+def test_options_of_an_image_do_not_matter_to_the_scan_beside_it(
+    bundle: None, tmp_path: Path, depth: Path, option: str
+) -> None:
+    LidarFrame(np.eye(3, dtype=np.float32)).write(tmp_path / "s.pcd")
+    (tmp_path / "color.png").write_bytes(png_bytes(np.zeros((24, 32, 3), np.uint8)))
+    value = {"--intrinsics": "30,30,15.5,11.5", "--color": tmp_path / "color.png", "--unit": "mm"}
+    both = (depth, tmp_path / "s.pcd", "-o", tmp_path / "a.html")
+    done = manip3d("view", *both, option, value[option])
+    assert done.returncode == 0, done.stderr
+    refused = manip3d("view", depth, "--frame", 1, "-o", tmp_path / "b.html")
+    assert "--frame: expected none for a depth image, got 1" in error_line(refused)
 
 
 def test_options_that_apply_to_one_of_several_files_are_taken(tmp_path: Path, depth: Path) -> None:

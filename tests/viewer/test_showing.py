@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -317,6 +318,33 @@ def test_a_frame_of_a_file_that_holds_one_is_refused(tmp_path: Path, quad: Mesh)
         open_thing(tmp_path / "a.bin", frame=1)
     with pytest.raises(InputError, match="frame: expected 0 or more, got -1"):
         open_thing(tmp_path / "a.bin", frame=-1)
+
+
+@pytest.mark.parametrize(
+    ("name", "kind", "option"),
+    [
+        ("a.obj", "mesh file", {"color": "c.png"}),
+        ("a.obj", "mesh file", {"unit": "mm"}),
+        ("a.obj", "mesh file", {"intrinsics": CAMERA}),
+        ("a.bin", "scan", {"intrinsics": CAMERA}),
+        ("a.bin", "scan", {"color": "c.png"}),
+        ("a.bin", "scan", {"calibration": "db.xml"}),
+        ("d.npy", "depth image", {"calibration": "db.xml"}),
+        ("walk", "recording", {"color": "c.png"}),
+        ("walk", "recording", {"unit": "mm"}),
+        ("a.pcap", "scan", {"unit": 0.001}),
+    ],
+)
+def test_an_option_without_an_effect_is_refused(
+    tmp_path: Path, quad: Mesh, name: str, kind: str, option: dict[str, Any]
+) -> None:
+    quad.write(tmp_path / "a.obj")
+    street().write(tmp_path / "a.bin")
+    np.save(tmp_path / "d.npy", bumps())
+    recording(tmp_path / "walk")
+    (tmp_path / "a.pcap").touch()
+    with pytest.raises(InputError, match=f"^{next(iter(option))}: expected none for a {kind}, got"):
+        open_thing(tmp_path / name, **option)
 
 
 def test_the_first_whole_turn_of_packets_is_opened() -> None:

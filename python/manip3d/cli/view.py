@@ -162,20 +162,24 @@ def write(
 def _open(source: str, choice: Choice, terminal: Terminal) -> Any:
     from manip3d import viewer
     from manip3d.simplify._depth_inputs import unit_to_read
+    from manip3d.viewer.opening import options_of
 
     kind = "mesh" if source == "-" else viewer.kind_of(source)
     if kind == "mesh":
         if choice.frame:
             raise InputError(f"--frame: expected none for a mesh, got {choice.frame}")
         return open_mesh(source, terminal, may_be_empty=True)
-    opened = viewer.open_thing(
-        source,
-        frame=choice.frame,
-        intrinsics=_camera(source, choice) if choice.intrinsics else None,
-        unit=unit_to_read(choice.unit, choice.intrinsics),
-        color=choice.color,
-        calibration=choice.calibration,
-    )
+    # The others apply to other sources of the same command; a wrong frame is an error of any.
+    known = options_of(source, kind) | {"frame"}
+    has_camera = "intrinsics" in known and choice.intrinsics
+    options: dict[str, Any] = {
+        "frame": choice.frame,
+        "intrinsics": _camera(source, choice) if has_camera else None,
+        "unit": unit_to_read(choice.unit, choice.intrinsics),
+        "color": choice.color,
+        "calibration": choice.calibration,
+    }
+    opened = viewer.open_thing(source, **{n: v for n, v in options.items() if n in known})
     note = f", {opened.note}" if opened.note else ""
     terminal.say(f"read {source} ({opened.kind}{note}): {_size(opened.thing)}")
     return opened.thing

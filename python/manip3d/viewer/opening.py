@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -27,6 +27,22 @@ if TYPE_CHECKING:
 __all__ = ["Kind", "Opened", "kind_of", "open_thing"]
 
 Kind = Literal["mesh", "scan", "depth", "rgbd"]
+
+_OPTIONS: Mapping[Kind, frozenset[str]] = {
+    "mesh": frozenset(),
+    "scan": frozenset({"frame"}),
+    "depth": frozenset({"intrinsics", "unit", "color"}),
+    "rgbd": frozenset({"frame", "intrinsics"}),
+}
+"""Options of `open_thing` that apply to each kind of source; ``calibration``: see `options_of`."""
+
+_WORDS: Mapping[Kind, str] = {
+    "mesh": "mesh file",
+    "scan": "scan",
+    "depth": "depth image",
+    "rgbd": "recording",
+}
+"""Names of the kinds in messages."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,6 +108,12 @@ def kind_of(source: str | os.PathLike[str]) -> Kind:
     return "mesh"
 
 
+def options_of(source: str, kind: Kind) -> frozenset[str]:
+    """Return the names of the options of `open_thing` that apply to a source of this kind."""
+    packets = kind == "scan" and capture.scan_address(source) is not None
+    return _OPTIONS[kind] | ({"calibration"} if packets else frozenset())
+
+
 def _is_cloud(path: Path) -> bool:
     """Return whether a PLY file contains only points; False if the file cannot be read."""
     elements = ply_elements(path)
@@ -153,8 +175,17 @@ def open_thing(
     color = None if color is None else path_of(color, "color")
     if frame is not None and frame < 0:
         raise InputError(f"frame: expected 0 or more, got {frame}")
-    if frame and kind in ("mesh", "depth"):
-        raise InputError(f"frame: expected none for a {kind} file, which holds one, got {frame}")
+    _refuse_useless(
+        name,
+        kind,
+        {
+            "frame": frame or None,  # 0 is the only one of a file
+            "intrinsics": intrinsics,
+            "unit": None if unit == "guess" else unit,
+            "color": color,
+            "calibration": calibration,
+        },
+    )
     if kind == "scan":
         scan, note = _scan(name, frame, beside)
         return Opened(kind, scan, note)
@@ -166,6 +197,14 @@ def open_thing(
         depth = DepthImage(reading.depth, intrinsics, image)
         return Opened(kind, depth, "; ".join(filter(None, (reading.sentence, depth.note))))
     return Opened(kind, io.read_mesh(name))
+
+
+def _refuse_useless(source: str, kind: Kind, given: Mapping[str, object]) -> None:
+    """Refuse options that do not apply to this kind of source; None: not given."""
+    known = options_of(source, kind)
+    for name, value in given.items():
+        if value is not None and name not in known:
+            raise InputError(f"{name}: expected none for a {_WORDS[kind]}, got {value!r}")
 
 
 def _scan(
