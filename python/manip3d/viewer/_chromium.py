@@ -34,6 +34,8 @@ PROGRAMS = ("chromium", "chromium-browser", "google-chrome-stable", "google-chro
 SUPERSAMPLING = 2
 SECONDS = 60.0  # time limit of a page; software rendering of 360 000 faces takes 5 s
 
+_ENDED = "Chromium ended before it answered"
+
 # Chromium reads commands from descriptor 3 and writes answers to 4 [--remote-debugging-pipe].
 _LAUNCH = (
     "import os, sys; os.dup2(int(sys.argv[1]), 3); os.dup2(int(sys.argv[2]), 4); "
@@ -69,9 +71,7 @@ class Tab:
         message: dict[str, Any] = {"id": number, "method": method, "params": parameters}
         if self._session is not None:
             message["sessionId"] = self._session
-        rest = json.dumps(message).encode() + b"\0"
-        while rest:
-            rest = rest[os.write(self._commands, rest) :]
+        self._write(json.dumps(message).encode() + b"\0")
         deadline = time.monotonic() + self.patience
         while True:
             answer = self._next_message(deadline)
@@ -82,14 +82,22 @@ class Tab:
         result: dict[str, Any] = answer["result"]
         return result
 
+    def _write(self, rest: bytes) -> None:
+        try:
+            while rest:
+                rest = rest[os.write(self._commands, rest) :]
+        except BrokenPipeError:
+            raise RenderError(_ENDED) from None
+
     def _next_message(self, deadline: float) -> dict[str, Any]:
         while b"\0" not in self._buffer:
-            ready, _, _ = select.select([self._answers], [], [], deadline - time.monotonic())
+            left = max(0.0, deadline - time.monotonic())
+            ready, _, _ = select.select([self._answers], [], [], left)
             if not ready:
                 raise RenderError(f"Chromium gave no answer within {self.patience:.0f} s")
             received = os.read(self._answers, 1 << 20)
             if not received:
-                raise RenderError("Chromium ended before it answered")
+                raise RenderError(_ENDED)
             self._buffer += received
         text, _, self._buffer = self._buffer.partition(b"\0")
         message: dict[str, Any] = json.loads(text)
@@ -134,16 +142,9 @@ def open_address(url: str, size: tuple[int, int]) -> Iterator[Tab]:
 @contextlib.contextmanager
 def _browser(folder: Path, size: tuple[int, int]) -> Iterator[Tab]:
     """Start a browser without a window and yield its tab; the browser ends with the context."""
-    with contextlib.ExitStack() as stack:
-        pipes = []
-        for ends in (os.pipe(), os.pipe()):
-            for end in ends:
-                # Use descriptors from 10 on, so that 3 and 4 are free for the launcher.
-                pipes.append(fcntl.fcntl(end, fcntl.F_DUPFD_CLOEXEC, 10))
-                os.close(end)
-        theirs_in, ours_out, ours_in, theirs_out = pipes
-        stack.callback(os.close, ours_out)
-        stack.callback(os.close, ours_in)
+    with contextlib.ExitStack() as ours, contextlib.ExitStack() as theirs:
+        theirs_in, ours_out = _pipe(theirs, ours)
+        ours_in, theirs_out = _pipe(ours, theirs)
         process = subprocess.Popen(
             [
                 *(sys.executable, "-c", _LAUNCH, str(theirs_in), str(theirs_out), program()),
@@ -162,10 +163,20 @@ def _browser(folder: Path, size: tuple[int, int]) -> Iterator[Tab]:
             stderr=subprocess.DEVNULL,
             start_new_session=True,
         )
-        stack.callback(_end, process)
-        os.close(theirs_in)
-        os.close(theirs_out)
+        ours.callback(_end, process)
+        theirs.close()  # the browser has its own copies
         yield Tab(ours_out, ours_in)
+
+
+def _pipe(reader: contextlib.ExitStack, writer: contextlib.ExitStack) -> tuple[int, int]:
+    """Return the descriptors of a pipe's reading and writing end; each stack closes its end."""
+    high = []
+    for end, stack in zip(os.pipe(), (reader, writer), strict=True):
+        # Use descriptors from 10 on, so that 3 and 4 are free for the launcher.
+        high.append(fcntl.fcntl(end, fcntl.F_DUPFD_CLOEXEC, 10))
+        stack.callback(os.close, high[-1])
+        os.close(end)
+    return high[0], high[1]
 
 
 def _end(process: subprocess.Popen[bytes]) -> None:
