@@ -1,6 +1,8 @@
 // Player of a sequence of frames: it repeats them at the rate of their camera.
 
 export class Film {
+  #request = 0; // of the next animation frame
+
   /**
    * @param {number} length  frames
    * @param {number} rate  frames a second
@@ -18,6 +20,8 @@ export class Film {
   /** Stops at a frame. @param {number} frame */
   show(frame) {
     this.isPlaying = false;
+    // Without this, stopping and playing within one animation frame would leave two loops.
+    cancelAnimationFrame(this.#request);
     this.#go(frame);
   }
 
@@ -27,13 +31,12 @@ export class Film {
     this.isPlaying = true;
     const begin = performance.now() - (this.frame / this.rate) * 1000;
     const step = (/** @type {number} */ now) => {
-      if (!this.isPlaying) return;
       // Frames are left out where drawing takes longer than they last.
       const frame = Math.floor((Math.max(now - begin, 0) / 1000) * this.rate + 1e-6) % this.length;
       if (frame !== this.frame) this.#go(frame);
-      requestAnimationFrame(step);
+      if (this.isPlaying) this.#request = requestAnimationFrame(step);
     };
-    requestAnimationFrame(step);
+    this.#request = requestAnimationFrame(step);
     return this.#go(this.frame);
   }
 
