@@ -315,6 +315,7 @@ def test_srgb_known_values() -> None:
         ({"shading": "toon"}, "shading"),
         ({"background": "white"}, "background"),
         ({"background": (0, 0, 256)}, "background"),
+        ({"background": (0.9, 0.9, 0.9)}, "background: .* whole numbers of 0 to 255"),
     ],
 )
 def test_bad_options_are_named(options: dict, message: str) -> None:

@@ -40,7 +40,7 @@ from manip3d.viewer import (
     skeleton_lines,
     view,
 )
-from manip3d.viewer.page import round_length
+from manip3d.viewer.page import document, round_length
 from manip3d.viewer.points import EMPHASIS, PALETTE, QUIET, RAMP
 from manip3d.viewer.scene import camera_place, first_view
 
@@ -90,6 +90,13 @@ def test_stored_colors_are_brought_to_eight_bits(full: int, dtype: type) -> None
     assert not cloud.colors()[:, 1:].any()
 
 
+def test_fractions_are_colors_too() -> None:
+    """Other programs write colours of 0 to 1 into PLY files, which would all be black of 255."""
+    red = np.linspace(0, 1, 10)
+    cloud = scan_points(scan(fields={"red": red, "green": red[::-1], "blue": np.zeros(10)}))
+    np.testing.assert_allclose(cloud.colors()[:, 0], 255 * red[1:], atol=0.5)
+
+
 def test_numbers_become_colors_between_their_ends() -> None:
     column = Scale("x", np.array([0.0, 5.0, 10.0, 99.0]), limits=(0.0, 10.0))
     assert column.levels().tolist() == [0, 128, 255, 255]
@@ -137,6 +144,21 @@ def test_points_of_a_dense_scan_do_not_hide_each_other_when_thinned() -> None:
     assert dense.thinned(1000).spread == pytest.approx((4 * np.pi / 1000) ** 0.5)
     sparse = replace(dense, spread=0.002)
     assert sparse.thinned(1000).spread == pytest.approx(0.02)
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 8, 50, 199])
+def test_all_of_few_points_fill_the_picture(count: int) -> None:
+    """Each of few points may be the outermost one along some axis; two always are."""
+    points = np.random.default_rng(0).uniform(5, 6, (count, 3))
+    np.testing.assert_array_equal(drawn_points(points).bulk(), points)
+
+
+def test_the_outermost_of_many_points_do_not_shrink_the_picture() -> None:
+    points = np.random.default_rng(0).uniform(5, 6, (200, 3))
+    points[0] = 1e6
+    bulk = drawn_points(points).bulk()
+    assert 194 <= len(bulk) < 200
+    assert bulk.max() < 6
 
 
 def test_points_far_from_the_sensor_are_wider() -> None:
@@ -260,6 +282,20 @@ def test_a_frame_shows_its_people() -> None:
     assert cloud.detail == "47 points, 1 skeleton"
 
 
+def test_people_are_those_of_pixels_that_have_a_ray() -> None:
+    """A table of rays has none in the corners of a wide image, where a depth may be stored."""
+    column, row = np.meshgrid(np.arange(8), np.arange(6))
+    rays = np.stack([(column - 3.5) / 10, (row - 2.5) / 10], axis=-1).astype(np.float32)
+    rays[0, :2] = np.nan
+    camera = Intrinsics(8, 6, 10.0, 10.0, 3.5, 2.5, rays=rays)
+    people = np.full((6, 8), 255, np.uint8)
+    people[0] = 4
+    depth = np.full((6, 8), 2000, np.uint16)
+    person = rgbd_points(RgbdFrame(depth, RgbdCalibration(camera), body_index=people)).columns[1]
+    assert isinstance(person, Classes)
+    assert dict(zip(person.labels, person.counts(), strict=True)) == {"person 4": 6, "nobody": 40}
+
+
 def test_a_frame_of_bones_alone_is_seen_from_where_they_fit() -> None:
     nothing = np.zeros((6, 8), np.uint16)
     body = Skeleton(np.full((25, 3), 3.0, np.float32))
@@ -290,6 +326,20 @@ def test_the_mesh_of_a_depth_image_is_first_seen_as_its_camera_saw_it() -> None:
     wide = depth_mesh((99, 99, 1))
     assert first_view(wide) == (30.0, 20.0, "y")
     assert camera_place(wide) is None
+
+
+@pytest.mark.parametrize("ahead", [0.0, -0.1, 1e-9])
+def test_no_camera_sees_what_is_beside_or_behind_it(bundle: None, ahead: float) -> None:
+    """Faces that face the origin, one of which has a corner beside it, or behind it."""
+    corners = [[-1, -1, 1], [1, -1, 1], [1, 1, 1], [-1, 1, 1], [0, 0.3, ahead], [0.1, 0.3, 1]]
+    mesh = Mesh([*corners, [0, 0.4, 1]], [[0, 2, 1], [0, 3, 2], [4, 5, 6]])
+    assert camera_place(mesh) is None
+    assert content(html(mesh))["places"] == []
+
+
+def test_numbers_that_json_does_not_have_get_into_no_page(bundle: None) -> None:
+    with pytest.raises(ValueError, match="not JSON compliant"):
+        document("", {"view": float("nan")})
 
 
 @pytest.mark.parametrize(("length", "rounded"), [(1.0, 1.0), (4.9, 2.0), (0.07, 0.05), (950, 500)])

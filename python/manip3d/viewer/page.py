@@ -81,7 +81,8 @@ def document(title: str, page: dict[str, Any]) -> str:
         f"default-src 'none'; script-src 'sha256-{digest}'; style-src 'unsafe-inline'; "
         "img-src blob: data:; connect-src blob:"
     )
-    content = json.dumps(page).replace("<", "\\u003c")
+    # NaN is no JSON, and the page's script would show nothing at all.
+    content = json.dumps(page, allow_nan=False).replace("<", "\\u003c")
     # The title is ASCII only, because a host page may have another encoding (the hash needs an
     # ASCII bundle, too).
     name = html_text.escape(title).encode("ascii", "xmlcharrefreplace").decode()

@@ -103,7 +103,7 @@ def picture(
     backfaces : bool
         Draw faces that are seen from behind. Without them, as in games, models with an outline
         shell show what is inside the shell.
-    background : '#rrggbb' or (r, g, b) of 0 to 255
+    background : '#rrggbb' or (r, g, b), whole numbers of 0 to 255
         Background colour.
 
     Returns

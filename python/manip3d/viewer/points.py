@@ -61,6 +61,9 @@ DOUBT: Rgb = (200, 140, 0)
 SCAN_SPREAD = 4e-3  # ratio of a point's width to its distance from the scanner; about 0.2 degrees
 MIN_SHARE = 5e-4  # smallest width of a point as a share of the scene's extent
 EMPHASIS = 2.5  # ratio of the widths of emphasised and other points
+# Smallest number of points whose outermost 1 % along an axis are whole points, one at each end. A
+# percentile leaves out both ends of fewer points, too, which may be most of them in three axes.
+MIN_TRIMMED = 200
 
 
 @dataclass(frozen=True, eq=False)
@@ -348,9 +351,13 @@ class DrawnPoints(Showable):
         raise InputError(f"place: expected {known}, got {name!r}")
 
     def bulk(self) -> Points:
-        """Return (M, 3) float64, M > 0: points and ends of lines without the outermost 1 %."""
+        """Return (M, 3) float64, M > 0: the points that fill a picture, and the ends of lines.
+
+        Of `MIN_TRIMMED` points or more, the outermost 1 % along each axis are left out. Without
+        points and lines the origin is returned.
+        """
         points = self.points.astype(np.float64)
-        if len(points):
+        if len(points) >= MIN_TRIMMED:
             low, high = np.percentile(points, [0.5, 99.5], axis=0)
             points = points[((points >= low) & (points <= high)).all(axis=1)]
         ends = [line.ends.reshape(-1, 3) for line in self.lines]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import math
+import operator
 import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -42,18 +43,25 @@ SEEN_SHARE = 0.999  # share of a depth mesh's faces that face its camera; roundi
 
 
 def rgb(color: str | Rgb) -> Rgb:
-    """Return red, green and blue, 0 to 255, of a colour ``'#rrggbb'`` or (r, g, b)."""
+    """Return red, green and blue, 0 to 255, of a colour ``'#rrggbb'`` or (r, g, b).
+
+    Raises
+    ------
+    InputError
+        The text is no such colour, or a number is not whole or out of range.
+    """
     try:
         if isinstance(color, str):
             if len(color) != 7 or color[0] != "#":
                 raise ValueError
             color = (int(color[1:3], 16), int(color[3:5], 16), int(color[5:7], 16))
-        red, green, blue = (int(c) for c in color)
+        # Fractions are refused, because 0.9 of 1, which some libraries expect, would become black.
+        red, green, blue = map(operator.index, color)
         if not all(0 <= c <= 255 for c in (red, green, blue)):
             raise ValueError
     except (TypeError, ValueError):
         raise InputError(
-            f"background: expected '#rrggbb' or (r, g, b) of 0 to 255, got {color!r}"
+            f"background: expected '#rrggbb' or (r, g, b), whole numbers of 0 to 255, got {color!r}"
         ) from None
     return red, green, blue
 
@@ -260,13 +268,13 @@ def first_view(mesh: Mesh) -> Direction:
     """
     if not mesh.num_faces:
         return OBLIQUE
-    a, b, c = (mesh.vertices[mesh.faces[:, corner]] for corner in range(3))
-    middle = (a + b + c) / 3.0
-    ahead = middle[:, 2]
+    used = mesh.vertices[np.unique(mesh.faces)]
+    ahead = used[:, 2]
     if not ((ahead > 0.0).all() or (ahead < 0.0).all()):
         return OBLIQUE
-    is_before = (np.abs(middle[:, :2]).max(axis=1) < WIDEST_VIEW * np.abs(ahead)).all()
-    towards = -np.einsum("ij,ij->i", np.cross(b - a, c - a), middle)
+    is_before = (np.abs(used[:, :2]).max(axis=1) < WIDEST_VIEW * np.abs(ahead)).all()
+    a, b, c = (mesh.vertices[mesh.faces[:, corner]] for corner in range(3))
+    towards = -np.einsum("ij,ij->i", np.cross(b - a, c - a), (a + b + c) / 3.0)
     if not is_before or np.mean(towards >= 0.0) < SEEN_SHARE or not (towards > 0.0).any():
         return OBLIQUE
     return Direction(0.0, 0.0, "-y" if ahead[0] > 0.0 else "y")

@@ -122,10 +122,17 @@ def _stored_colors(frame: LidarFrame) -> Image | None:
     for names in (("red", "green", "blue"), ("colorRed", "colorGreen", "colorBlue")):
         if all(name in frame.fields for name in names):
             stored = np.column_stack([frame.fields[name] for name in names])
-            full = 255.0 if not len(stored) or stored.max() <= 255 else FULL_COLORS
-            scaled: Image = np.clip(np.rint(stored * (255.0 / full)), 0, 255).astype(np.uint8)
-            return scaled
+            scaled = np.clip(np.rint(stored * (255.0 / _full_color(stored))), 0, 255)
+            return scaled.astype(np.uint8)
     return None
+
+
+def _full_color(stored: NDArray[Any]) -> float:
+    """Return the value of full brightness of stored colours: 1 (fractions), 255 or 65535."""
+    highest = stored.max(initial=0)
+    if stored.dtype.kind == "f" and highest <= 1.0:
+        return 1.0
+    return 255.0 if highest <= 255 else FULL_COLORS
 
 
 # --- depth images and RGB-D frames ---------------------------------------------------------------
@@ -242,6 +249,17 @@ def depth_points(
     >>> cloud.detail, [column.name for column in cloud.columns]
     ('2,592 points', ['depth'])
     """
+    cloud, _ = _depth_points(depth, intrinsics, color, registration)
+    return cloud
+
+
+def _depth_points(
+    depth: NDArray[Any],
+    intrinsics: Intrinsics,
+    color: NDArray[np.uint8] | None,
+    registration: Registration | None,
+) -> tuple[DrawnPoints, NDArray[np.intp]]:
+    """Return the points of a depth image, and the number of each point's pixel, row by row."""
     if depth.shape != (intrinsics.height, intrinsics.width):
         raise InputError(
             f"depth: expected shape ({intrinsics.height}, {intrinsics.width}) as the intrinsics "
@@ -255,7 +273,7 @@ def depth_points(
         columns.append(Colors("colour", _pixel_colors(color, points, seen, depth, registration)))
     columns.append(Scale("depth", points[:, 2], "m"))
     middle = float(np.median(points[:, 2])) if len(points) else 1.0
-    return DrawnPoints(
+    cloud = DrawnPoints(
         points,
         tuple(columns),
         poses=camera_poses(intrinsics, middle),
@@ -264,6 +282,7 @@ def depth_points(
         spread=1.3 / abs(intrinsics.fx),  # without gaps on surfaces that face the camera
         detail=f"{len(points):,} points",
     )
+    return cloud, seen
 
 
 def _pixel_colors(
@@ -318,15 +337,12 @@ def rgbd_points(frame: RgbdFrame) -> DrawnPoints:
     '2,592 points, 1 skeleton'
     """
     calibration = frame.calibration
-    cloud = depth_points(
-        frame.depth,
-        calibration.depth,
-        color=frame.color,
-        registration=calibration.registration,
+    cloud, seen = _depth_points(
+        frame.depth, calibration.depth, frame.color, calibration.registration
     )
     columns = cloud.columns
     if frame.body_index is not None and (frame.body_index != NO_BODY).any():
-        columns = (*columns, _people(frame.body_index, frame.depth > 0))
+        columns = (*columns, _people(frame.body_index.ravel()[seen]))
     lines = skeleton_lines(frame.skeletons)
     poses = cloud.poses
     told = [cloud.detail] if cloud.num_points else []
@@ -339,8 +355,9 @@ def rgbd_points(frame: RgbdFrame) -> DrawnPoints:
     return replace(cloud, columns=columns, lines=lines, poses=poses, detail=", ".join(told))
 
 
-def _people(body_index: Bytes, valid: NDArray[np.bool_]) -> Classes:
-    numbers, values = np.unique(body_index[valid], return_inverse=True)
+def _people(bodies: Bytes) -> Classes:
+    """Return the person of each point; ``bodies`` are the points' values of the body index."""
+    numbers, values = np.unique(bodies, return_inverse=True)
     labels = ["nobody" if n == NO_BODY else f"person {n}" for n in numbers]
     palette = [QUIET if n == NO_BODY else PALETTE[i % len(PALETTE)] for i, n in enumerate(numbers)]
     return Classes("person", values.astype(np.uint8), labels, palette)
