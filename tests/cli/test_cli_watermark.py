@@ -161,6 +161,79 @@ def test_a_drive_that_nobody_signed_is_not_replaced(key: Path, drive: Path, tmp_
     assert [frame_of(other, number).read_bytes() for number in (0, 7)] == [bytes(16)] * 2
 
 
+def test_scans_that_nobody_signed_are_not_replaced_beside_signed_ones(
+    key: Path, drive: Path, signed: Path
+) -> None:
+    """One record in the folder stood for all of its scans, and the others were deleted."""
+    frame_of(signed, 2).with_name("0000000002.bin.wm").unlink()
+    before = frame_of(signed, 2).read_bytes()
+    frame_of(drive, 3).unlink()
+    done = run("embed", drive, "--key", key, "-o", signed, "--force")
+    assert "signed holds scans that nobody signed, which would be lost, such as 0000000002" in str(
+        done.exception
+    )
+    assert frame_of(signed, 2).read_bytes() == before
+    assert frame_of(signed, 3).is_file()
+
+
+@pytest.mark.parametrize("number", [3, 7])
+def test_a_run_that_goes_on_loses_no_scan_that_nobody_signed(
+    key: Path, drive: Path, tmp_path: Path, full_disk: dict[str, int], number: int
+) -> None:
+    out = tmp_path / "signed"
+    assert run("embed", drive, "--key", key, "-o", out).exit_code == 1
+    full_disk["left"] = 9
+    scan(9).write(frame_of(out, number))
+    before = frame_of(out, number).read_bytes()
+    refused = run("embed", drive, "--key", key, "-o", out)
+    assert f"scans that nobody signed, which would be lost, such as 000000000{number}" in str(
+        refused.exception
+    )
+    assert frame_of(out, number).read_bytes() == before
+
+
+@pytest.mark.parametrize("more", [(), ("--force",)])
+def test_a_link_to_the_folder_of_the_scans_is_no_place_for_signed_ones(
+    key: Path, drive: Path, tmp_path: Path, more: tuple[str, ...]
+) -> None:
+    """Originals were overwritten, and those of no signed scan deleted."""
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / "velodyne_points").symlink_to(drive / "velodyne_points")
+    before = [frame_of(drive, number).read_bytes() for number in range(4)]
+    refused = run("embed", drive, "--key", key, "-o", out, *more)
+    assert "expected another folder than the drive's" in str(refused.exception)
+    assert [frame_of(drive, number).read_bytes() for number in range(4)] == before
+    assert len(list((drive / "velodyne_points" / "data").iterdir())) == 4
+
+
+def test_a_link_to_the_folder_of_the_pictures_is_no_place_for_carriers(
+    key: Path, drive: Path, tmp_path: Path
+) -> None:
+    image = pytest.importorskip("PIL.Image")
+    out, pictures = tmp_path / "out", drive / "image_02"
+    out.mkdir()
+    pictures.mkdir()
+    for number in range(4):
+        image.fromarray(np.zeros((160, 160), np.uint8)).save(pictures / f"{number:010d}.png")
+    before = (pictures / "0000000000.png").read_bytes()
+    (out / "image_02").symlink_to(pictures)
+    refused = run("embed", drive, "--key", key, "-o", out, "--picture", "image_02")
+    assert "expected another folder than the drive's" in str(refused.exception)
+    assert (pictures / "0000000000.png").read_bytes() == before
+
+
+def test_scans_behind_a_link_exist(key: Path, drive: Path, tmp_path: Path) -> None:
+    out, other = tmp_path / "out", tmp_path / "other"
+    out.mkdir()
+    frame_of(other, 0).parent.mkdir(parents=True)
+    scan(9).write(frame_of(other, 9))
+    (out / "velodyne_points").symlink_to(other / "velodyne_points")
+    refused = run("embed", drive, "--key", key, "-o", out)
+    assert "exists already" in str(refused.exception)
+    assert [path.name for path in frame_of(other, 0).parent.iterdir()] == ["0000000009.bin"]
+
+
 @pytest.mark.parametrize("embedding", ["lbm", "qim"])
 def test_points_off_the_grid_are_refused_with_the_options_that_help(
     key: Path, tmp_path: Path, embedding: str
@@ -809,7 +882,7 @@ def test_a_drive_goes_on_after_a_full_disk(
     assert str(again.exception).startswith(f"-o: {out} exists already; replace=True")
 
 
-@pytest.mark.parametrize("other", ["key", "sensor", "embedding", "drive", "times"])
+@pytest.mark.parametrize("other", ["key", "sensor", "embedding", "drive", "shine", "times"])
 def test_a_drive_goes_on_with_its_own_session_only(
     key: Path, drive: Path, tmp_path: Path, full_disk: dict[str, int], other: str
 ) -> None:
@@ -826,6 +899,9 @@ def test_a_drive_goes_on_with_its_own_session_only(
         options = ["--embedding", "qim"]
     elif other == "drive":
         scan(9).write(drive / "velodyne_points" / "data" / "0000000000.bin")
+    elif other == "shine":
+        brighter = scan(0).replace(intensity=np.full(8000, 0.5, np.float32))
+        brighter.write(drive / "velodyne_points" / "data" / "0000000000.bin")
     else:
         (drive / "velodyne_points" / "timestamps.txt").unlink()
         told = (f"2012-09-26 13:02:25.{n}94360375\n" for n in range(4))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -50,6 +50,8 @@ from manip3d.io._scan_files import FOLDER_SUFFIXES
 from manip3d.io._scan_tables import scan_stem, scan_suffix
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from manip3d._util.options import Progress
     from manip3d.lidar import LidarFrame
 
@@ -210,10 +212,10 @@ def embed_files(
     Raises
     ------
     InputError
-        ``output`` exists and is no unfinished session of this drive, or with ``replace`` is a drive
-        without a watermark; another program is writing there; the folder has no scans, or two that
-        would be written to the same file; a scan is signed already; or the format does not preserve
-        coordinates (`write_watermarked`).
+        ``output`` exists and is no unfinished session of this drive, or with ``replace`` holds a
+        scan without a watermark, or by a link the files of ``source``; another program is writing
+        there; the folder has no scans, or two that would be written to the same file; a scan is
+        signed already; or the format does not preserve coordinates (`write_watermarked`).
     FormatError, OSError
         A file cannot be read or written. A note of the error states how many scans were written.
 
@@ -270,11 +272,12 @@ def _embed_drive(
     progress: Progress,
 ) -> list[EmbeddedScan]:
     """Write all scans of a drive, or those that an earlier run has not written."""
-    if replace:
-        _refuse_unsigned(target, works)
     done = [] if replace else _go_on(marker, works)
-    if not (replace or done) and any(path.is_file() for path in target.rglob("*")):
+    if not (replace or done) and _holds_files(target):
         raise InputError(f"output: {target} exists already; replace=True replaces its scans")
+    # A run that was cut off may have left its last scan without the record.
+    torn = [] if replace else [work.target for work in works[len(done) : len(done) + 1]]
+    _refuse_unsigned(target, works, torn)
     pictures = {work.shown for work in works if work.shown is not None}
     with reporting(progress, "embed") as report, _noting_what_is_done(target, works, done):
         for number, work in enumerate(works[len(done) :], len(done) + 1):
@@ -320,6 +323,7 @@ def _works_of(drive: Path, output: Path, pictures: Path | None) -> list[_Work]:
         target = output / plain_name(scan, drive)
         works.append(_Work(scan, target, picture, shown, times.get(scan)))
     _refuse_shared(works)
+    _refuse_originals(works)
     return works
 
 
@@ -332,6 +336,28 @@ def _refuse_shared(works: Sequence[_Work]) -> None:
                 raise InputError(
                     f"{other} and {work.scan}: expected an output for each, got {file} for both"
                 )
+
+
+def _refuse_originals(works: Sequence[_Work]) -> None:
+    """Raise InputError if a link of the output leads to a folder of the drive's own files."""
+    originals = {
+        file.resolve() for work in works for file in (work.scan, work.picture) if file is not None
+    }
+    folders = {file.parent for file in originals}
+    for work in works:
+        for file in (work.target, work.shown):
+            if file is not None and (
+                file.parent.resolve() in folders or file.resolve() in originals
+            ):
+                raise InputError(
+                    f"output: expected another folder than the drive's, but {file} leads there by "
+                    "a link"
+                )
+
+
+def _holds_files(folder: Path) -> bool:
+    """Whether there is a file in a folder or below it, also behind links to folders."""
+    return any(files for _, _, files in os.walk(folder, followlinks=True))
 
 
 @contextmanager
@@ -402,14 +428,23 @@ def _found_at(verifier: Watermarker, work: _Work, policy: Policy) -> WatermarkRe
 
 
 def _is_made_of(marked: LidarFrame, source: LidarFrame, units_per_m: int) -> bool:
-    """Whether no point was moved by more than rounding and embedding can cause."""
+    """Whether intensities are the same, and points moved by rounding and embedding at most."""
     if marked.num_points != source.num_points:
+        return False
+    if not np.array_equal(_intensity_of(marked), _intensity_of(source), equal_nan=True):
         return False
     if marked.exact is not None and source.exact is not None:
         moves = np.abs(marked.exact - source.exact)
     else:
         moves = np.abs(marked.points - source.points)
     return bool((moves <= 3.0 / units_per_m).all())  # two steps, and rounding of float32
+
+
+def _intensity_of(frame: LidarFrame) -> NDArray[np.float32]:
+    """Intensities; 0 without any, as formats that always have them are written."""
+    if frame.intensity is None:
+        return np.zeros(frame.num_points, np.float32)
+    return frame.intensity
 
 
 def _embed(
@@ -447,19 +482,30 @@ def _refuse_signed(pictures: Mapping[Path, Path | None]) -> None:
     )
 
 
-def _refuse_unsigned(target: Path, works: Sequence[_Work]) -> None:
-    """Raise InputError if the scans to be replaced are not signed, since they may be originals."""
+def _refuse_unsigned(target: Path, works: Sequence[_Work], torn: Collection[Path]) -> None:
+    """Raise InputError if a scan that would be lost is not signed, since it may be an original.
+
+    Scans in ``torn`` are known to be none.
+    """
     folders = {work.target.parent for work in works}
-    there = [p for f in folders if f.is_dir() for p in f.iterdir()]
-    scans = sorted(p for p in there if scan_suffix(p) in FOLDER_SUFFIXES)
-    if not scans or any(path.suffix == RECORD_SUFFIX for path in there):
+    files = [p for f in folders if f.is_dir() for p in sorted(f.iterdir()) if p.is_file()]
+    scans = [p for p in files if scan_suffix(p) in FOLDER_SUFFIXES and p not in torn]
+    bare = [scan for scan in scans if not find_record(scan).is_file()]
+    if not bare:
         return
-    firsts = {p.parent: p for p in sorted(target.rglob("*.png"), reverse=True)}
-    if not any(_record_of(scans[0], picture) is not None for picture in firsts.values()):
-        raise InputError(
-            f"output: {target} holds scans that nobody signed, which would be lost; expected a new "
-            "folder or a signed drive"
-        )
+    carriers = _carrier_folders(target)
+    for scan in bare:
+        if not any(_carries_record(_picture_of(scan, folder)) for folder in carriers):
+            raise InputError(
+                f"output: {target} holds scans that nobody signed, which would be lost, such as "
+                f"{scan.name}; expected a new folder or a signed drive"
+            )
+
+
+def _carrier_folders(drive: Path) -> list[Path]:
+    """Folders of a drive whose first picture carries a record."""
+    firsts = {picture.parent: picture for picture in sorted(drive.rglob("*.png"), reverse=True)}
+    return [folder for folder, first in firsts.items() if _carries_record(first)]
 
 
 def _record_of(scan: Path, picture: Path | None) -> Path | None:
@@ -467,13 +513,15 @@ def _record_of(scan: Path, picture: Path | None) -> Path | None:
     beside = find_record(scan)
     if beside.is_file():
         return beside
+    return picture if picture is not None and _carries_record(picture) else None
+
+
+def _carries_record(picture: Path) -> bool:
     try:
-        if picture is not None and record_of_picture(read_carrier(picture)):
-            return picture
+        return bool(record_of_picture(read_carrier(picture)))
     # no record, or no picture: reported later if it is needed
     except (FormatError, InputError, OSError):
-        pass
-    return None
+        return False
 
 
 def _check_scan(target: Path, picture: str, *, replace: bool) -> None:
