@@ -125,10 +125,13 @@ def test_the_journal_is_short_and_folded(
 
 
 @pytest.mark.parametrize("before", [0, 1])
-def test_a_frame_that_could_not_be_written_is_written_at_the_end(
+def test_a_frame_that_could_not_be_written_may_be_verified_again(
     key: KeyFile, state: Path, monkeypatch: pytest.MonkeyPatch, before: int
 ) -> None:
-    """The first frame after opening, or the one that folds the journal, finds the disk full."""
+    """The first frame after opening, or the one that folds the journal, finds the disk full.
+
+    Nobody got a verdict on it, so that it is no replay, neither here nor for the next verifier.
+    """
 
     def full(*_: object) -> None:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(state))
@@ -143,6 +146,11 @@ def test_a_frame_that_could_not_be_written_is_written_at_the_end(
             orders(verifier, sent[before:])
     verifier.close()
     with Watermarker(key, state=state) as again:
+        assert orders(again, sent) == ["replay"] * before + ["in order"]
+        monkeypatch.setattr(kept, "atomic_write", full)
+        with pytest.raises(OSError, match="No space"):
+            orders(again, signed(key, 1, ends=True))
+        monkeypatch.undo()
         assert orders(again, sent) == ["replay"] * (before + 1)
 
 
@@ -232,7 +240,7 @@ def test_a_pipe_is_refused(key: KeyFile, state: Path) -> None:
         pass
 
 
-def test_a_full_disk_is_an_error_and_the_next_frame_tells_of_both(
+def test_a_full_disk_is_an_error_and_the_frame_may_be_verified_again(
     key: KeyFile, state: Path
 ) -> None:
     sent = signed(key, 4)
@@ -248,7 +256,7 @@ def test_a_full_disk_is_an_error_and_the_next_frame_tells_of_both(
             orders(verifier, sent[2:3])
         assert caught.value.errno == errno.EFBIG
         resource.setrlimit(resource.RLIMIT_FSIZE, (hard, hard))
-        assert orders(verifier, sent[3:]) == ["in order"]
+        assert orders(verifier, sent[2:]) == ["in order"] * 2
         os.kill(os.getpid(), signal.SIGKILL)
 
     assert in_a_child(on_a_full_disk) == signal.SIGKILL

@@ -54,7 +54,6 @@ class VerifiedFrames:
         self._owner = os.getpid()
         self._stored = b""  # the state that the file ends with
         self._num_entries = 0
-        self._unsaved = False  # the last frame could not be written
         self._journal: int | None = None
         self._close_journal: weakref.finalize[[int], VerifiedFrames] | None = None
         self._unlock = weakref.finalize(self, os.close, self._locked(path))
@@ -83,20 +82,32 @@ class VerifiedFrames:
         except FormatError as error:
             raise FormatError(error.reason, file=str(path)) from error
 
-    def add(self) -> None:
+    def add(self, before: bytes) -> None:
         """Append the frame that was just verified, if it changed the state of the verifier.
+
+        Parameters
+        ----------
+        before : bytes
+            State of the verifier before that frame. The verifier returns to it if the entry cannot
+            be written: nobody gets a verdict then, and a second attempt must be no replay.
 
         Raises
         ------
         OSError
-            The entry cannot be written; the next call writes it, too.
+            The entry cannot be written.
         Error
             The caller is a child of the process that opened the file.
         """
+        try:
+            self._append_state()
+        except BaseException:
+            self._verifier.restore(before)
+            raise
+
+    def _append_state(self) -> None:
         state = self._verifier.state()
         if state == self._stored:
             return
-        self._unsaved = True
         if self._journal is None or state[_HEAD:-_TAG] != self._stored[_HEAD:-_TAG]:
             self.fold()  # a session has ended
             return
@@ -104,7 +115,6 @@ class VerifiedFrames:
         self._append(self._journal, state[:_HEAD] + state[-_TAG:])
         self._stored = state
         self._num_entries += 1
-        self._unsaved = False
         if self._num_entries >= CHECKPOINT_FRAMES:
             self.fold()
 
@@ -134,7 +144,7 @@ class VerifiedFrames:
         journal = os.open(self._path, os.O_WRONLY | os.O_APPEND | os.O_CLOEXEC)
         self._journal = journal
         self._close_journal = weakref.finalize(self, os.close, journal)
-        self._stored, self._num_entries, self._unsaved = state, 0, False
+        self._stored, self._num_entries = state, 0
 
     def close(self) -> None:
         """Replace the journal by a checkpoint, and release the file.
@@ -149,7 +159,7 @@ class VerifiedFrames:
         if not self._unlock.alive:
             return
         try:
-            if self._num_entries or self._unsaved:
+            if self._num_entries:
                 self.fold()
         finally:
             self._drop_journal()

@@ -640,7 +640,7 @@ class Watermarker(Closing):
         Error
             The watermarker is closed.
         OSError
-            The state file cannot be written.
+            The state file cannot be written; the frame does not count, and may be verified again.
         """
         frame = _frame_of(scan)
         given = to_scan(frame)
@@ -654,6 +654,7 @@ class Watermarker(Closing):
             except FormatError as error:
                 return _unverifiable(f"the picture has no record: {error.reason}", frame)
         with self._turn:
+            before = b"" if self._kept is None else self._verifier.state()
             found = self._verifier.verify(
                 given.points,
                 given.intensity,
@@ -665,7 +666,7 @@ class Watermarker(Closing):
                 carrier,
             )
             if self._kept is not None:
-                self._kept.add()
+                self._kept.add(before)
         return _with_exact(_result(found, frame), found["header"], frame)
 
     def verify_without_scan(
