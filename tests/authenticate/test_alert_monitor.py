@@ -34,6 +34,7 @@ from manip3d.authenticate import (
     Watermarker,
     WitnessReport,
     _alert,
+    _watch,
     verdict_of_alerts,
     verdict_of_stream,
     watch_drive,
@@ -505,6 +506,16 @@ def test_a_stream_that_begins_again_is_asked_again(clock: Clock) -> None:
         assert alert.witnesses["cross-modal"].verdict == "absent"
 
 
+def test_a_frame_without_a_time_follows_the_one_before(clock: Clock) -> None:
+    """The clock began again at 0, as if another stream had begun."""
+    monitor = AlertMonitor(rig=RIG, clock=clock)
+    heard = [
+        monitor.judge(FRAME, speed_mps=0.0, time_s=time_s).witnesses["forensics"].verdict
+        for time_s in (100.0, None, 100.2, None)
+    ]
+    assert heard == ["no_trace", "skipped", "skipped", "skipped"]
+
+
 def test_a_frame_left_out_is_counted_and_undecided() -> None:
     monitor = AlertMonitor()
     alert = monitor.skip()
@@ -825,6 +836,47 @@ def test_a_velocity_that_is_no_number_is_an_unknown_motion() -> None:
         "; frame 1: its time or speed is wrong, the motion counts as unknown"
     )
     assert monitor._risk._pose == (1.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    "times",
+    [
+        (0.0, 0.1, None, 0.3, 0.4),
+        (None, None, 7.0, 7.1, 7.2),
+        (None,) * 5,
+        (3.0, None, None, None, None),
+    ],
+)
+def test_a_moment_without_a_time_follows_by_a_turn(times: tuple[float | None, ...]) -> None:
+    monitor = AlertMonitor(every_s=math.inf)
+    moments = [DriveMoment(FRAME, velocity=(10.0, 0.0, 0.0), time_s=time_s) for time_s in times]
+    watch_drive(monitor, moments)
+    assert monitor._risk._pose == pytest.approx((4.0, 0.0, 0.0))
+
+
+def test_a_drive_that_is_played_begins_with_its_first_time(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A first scan without a time counted as time 0, and the second one came 41 years later."""
+    slept: list[float] = []
+
+    def sleep(seconds: float) -> None:
+        slept.append(seconds)
+
+    monkeypatch.setattr(_watch, "time", SimpleNamespace(monotonic=lambda: sum(slept), sleep=sleep))
+    moments = [DriveMoment(FRAME, time_s=time_s) for time_s in (None, 1.3e9, 1.3e9 + 0.5)]
+    watch_drive(AlertMonitor(every_s=math.inf), moments, live=True)
+    assert slept == pytest.approx([0.1, 0.5])
+
+
+@pytest.mark.parametrize("live", [False, True])
+def test_a_time_that_is_not_finite_ends_the_drive(*, live: bool) -> None:
+    moments = [DriveMoment("torn", time_s=0.0), DriveMoment("torn", time_s=math.inf)]
+    watched = watch_drive(AlertMonitor(every_s=math.inf), moments, live=live)
+    assert (watched.verdict, watched.num_frames) == ("undecidable", 1)
+    assert watched.reason.endswith("moments: expected finite times, got inf")
+    with pytest.raises(InputError, match="moments: expected finite times"):
+        watch_drive(AlertMonitor(every_s=math.inf), moments[1:], live=live)
 
 
 def test_long_motions_over_frames_that_were_left_out_are_unknown_together(tmp_path: Path) -> None:

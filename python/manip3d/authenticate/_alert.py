@@ -163,6 +163,7 @@ class AlertMonitor:
         self._lock = threading.Lock()
         self._unseen = _STILL  # motion over frames that the risk has not heard of
         self._number = 0
+        self._timed = (0, 0.0)  # number and time of the last frame with a time
         self._last: dict[str, float] = {}  # time of the stream at which a witness spoke
         self._durations: dict[str, deque[float]] = {}  # of recent calls that succeeded, seconds
         self._verdicts: dict[str, int] = {}
@@ -210,7 +211,7 @@ class AlertMonitor:
             Same as for `RiskTracker.update`.
         time_s : float, optional
             Time of the frame on the stream's clock; default: one budget, at most 0.1 s, after the
-            previous frame.
+            previous frame, which may have been left out.
         waited_s : float, seconds
             Time for which the frame has waited for earlier frames. It is part of the budget: a
             monitor that is behind skips the cameras and only verifies watermarks until it has
@@ -244,7 +245,7 @@ class AlertMonitor:
                 raise InputError(f"unread: expected {known}, got {name!r}")
         with self._lock:
             started_s = self._clock() - waited_s
-            stream_s = self._number * min(self._budget, _FRAME_S) if time_s is None else time_s
+            stream_s = self._time_of_next(time_s)
             watermark, sworn = self._ask_watermark(frame, record, carrier)
             cross, seen = (
                 self._ask_pairs(frame, pairs or {}, stream_s, started_s)
@@ -598,6 +599,12 @@ class AlertMonitor:
             _log_traceback(error)
             return None, WitnessReport("undecidable", f"frame {number}: {_failure(error)}")
         return found, WitnessReport(found.verdict, f"frame {number}: {found.reason}", seconds)
+
+    def _time_of_next(self, time_s: float | None) -> float:
+        if time_s is not None:
+            self._timed = (self._number, time_s)
+        number, time_of_it = self._timed
+        return time_of_it + (self._number - number) * min(self._budget, _FRAME_S)
 
     def _is_due(self, witness: str, stream_s: float) -> bool:
         # A time that goes backwards begins another stream.

@@ -23,7 +23,7 @@ from manip3d.errors import BrokenExtraError, Error, InputError, MissingExtraErro
 from manip3d.lidar import LidarFrame
 
 TURN_S = 0.1
-"""Seconds per turn of the scanner, for drives without times."""
+"""Seconds per turn of the scanner, for moments without a time."""
 
 _FARTHEST_BEHIND = 1.0  # seconds: longest time that a frame may wait for earlier frames
 
@@ -43,7 +43,7 @@ class DriveMoment(NamedTuple):
         Velocity of the car: m/s ahead, m/s to the left, rad/s counter-clockwise. None: unknown.
     time_s : float or None
         Time of the frame in seconds on the drive's clock; None: unknown, and the frame follows the
-        previous one at the interval of `AlertMonitor.judge`.
+        previous one by a turn of the scanner, `TURN_S`.
     pairs : mapping of str to (left, right), or None
         Rectified pictures of a car with several stereo pairs, by the name of the pair.
     carrier : (H, W) or (H, W, 3) uint8, or None
@@ -80,7 +80,8 @@ class WatchedDrive(NamedTuple):
     moments : iterator of DriveMoment
         Frames of the drive.
     num_frames : int
-        Number of frames, limited to the requested number; 0: unknown.
+        Number of frames. If nobody knows how long the drive is, the number that was asked for,
+        which it may not reach, or 0.
     """
 
     rig: StereoRig | Mapping[str, StereoRig] | None
@@ -152,9 +153,9 @@ def watch_drive(
     Raises
     ------
     InputError
-        There are no moments, or ``moments`` holds an item of another type.
+        There are no moments; or the first one is of another type, or has a time that is not finite.
     Error, OSError, KeyboardInterrupt
-        The drive ends before its first frame.
+        The drive ends before its first frame. Later, such an error ends the drive (``stopped``).
 
     Examples
     --------
@@ -232,27 +233,24 @@ def _judged(
     The numbers of frames with an implausible motion, which counts as none, are appended to
     ``unmoved``.
     """
-    begin, first, last = time.monotonic(), None, None
+    begin, clock = time.monotonic(), _DriveClock()
     for number, moment in enumerate(moments):
         if not isinstance(moment, DriveMoment):
             raise InputError(f"moments: expected DriveMoments, got {type(moment).__name__}")
-        now, waited = moment.time_s, 0.0
+        if moment.time_s is not None and not math.isfinite(moment.time_s):
+            raise InputError(f"moments: expected finite times, got {moment.time_s}")
+        step, waited = clock.advance(moment.time_s), 0.0
         if live:
-            # A drive without times is played at the scanner's turns.
-            now = (0.0 if last is None else last + TURN_S) if now is None else now
-            first = now if first is None else first
-            late = time.monotonic() - begin - (now - first)
+            late = time.monotonic() - begin - clock.elapsed
             if late < 0.0:
                 time.sleep(-late)
             waited = max(late, 0.0)
-        step = 0.0 if last is None or now is None else max(now - last, 0.0)
         ahead, left, turn = moment.velocity or (speed, 0.0, 0.0)
         motion = (ahead * step, left * step, turn * step)
         if not is_plausible(motion):
             motion = (0.0, 0.0, 0.0)
             unmoved.append(number)
-        is_first, last = last is None, now
-        if waited > _FARTHEST_BEHIND and not is_first:
+        if waited > _FARTHEST_BEHIND and number > 0:
             yield _with_scan(monitor.skip(motion=motion), moment)
             continue
         if isinstance(moment.frame, str):
@@ -260,9 +258,39 @@ def _judged(
             continue
         judge = partial(
             monitor.judge, moment.frame, speed_mps=abs(ahead) if math.isfinite(ahead) else speed,
-            motion=motion, time_s=now, waited_s=waited,
+            motion=motion, time_s=clock.now if moment.time_s is None else moment.time_s,
+            waited_s=waited,
         )  # fmt: skip
         yield _with_scan(_judged_if_seen(judge, moment), moment)
+
+
+class _DriveClock:
+    """Clock of a drive: a moment without a time follows the one before it by a turn.
+
+    It begins at the first moment, and states the drive's time once a moment has told it.
+    """
+
+    def __init__(self) -> None:
+        self.elapsed = 0.0  # seconds since the first moment
+        self._begin: float | None = None  # time of the first moment
+        self._is_running = False
+
+    @property
+    def now(self) -> float | None:
+        return None if self._begin is None else self._begin + self.elapsed
+
+    def advance(self, time_s: float | None) -> float:
+        """Go on to the next moment; return the seconds since the one before, at least 0."""
+        before = self.elapsed
+        turn = TURN_S if self._is_running else 0.0
+        self._is_running = True
+        if time_s is not None and self._begin is None:
+            self._begin = time_s - (before + turn)
+        if time_s is None or self._begin is None:
+            self.elapsed = before + turn
+        else:
+            self.elapsed = time_s - self._begin
+        return max(self.elapsed - before, 0.0)
 
 
 def _with_scan(alert: Alert, moment: DriveMoment) -> Alert:
