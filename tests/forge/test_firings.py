@@ -190,6 +190,21 @@ def test_a_box_with_nothing_beside_it_is_refused() -> None:
         forge.lattice_remove(low, Box(center, size), lattice=LATTICE)
 
 
+def test_an_object_at_the_end_of_the_first_and_the_last_laser_stays() -> None:
+    """Returns of these lasers have a neighbour of the same laser at one side only."""
+    ring, count = np.divmod(np.arange(3 * 500), 500)
+    ring = np.array([0, 30, len(LATTICE.slope) - 1])[ring]
+    is_car = (count < 10) | (count >= 490)
+    inner = ring == 30
+    is_car[inner] = abs(count[inner] - 250) < 10
+    distance = np.where(is_car, 10, 16) + LATTICE.range_phase[ring]
+    scan = LATTICE.points_at(ring, 2 * count, distance).round(3).astype(np.float32)
+    boxes = [scan[is_car & (ring == laser)] for laser in (0, 30, len(LATTICE.slope) - 1)]
+    low, high = np.vstack(boxes).min(axis=0), np.vstack(boxes).max(axis=0)
+    forged = forge.lattice_remove(scan, Box((low + high) / 2, high - low + 0.1), lattice=LATTICE)
+    assert set(LATTICE.read(forged.points).ring[forged.moved]) == {30}
+
+
 def test_the_noise_of_ranges_is_that_of_single_shots() -> None:
     """The estimate is right on a wall, as second differences cancel its slope and offset."""
     random = np.random.default_rng(0)

@@ -390,6 +390,14 @@ def test_objects_are_not_moved_into_others() -> None:
         forge.rotation(_street(car, post), tight, angle=0.8)
 
 
+def test_an_object_above_the_scanner_can_turn_but_has_no_side() -> None:
+    blob = np.random.default_rng(0).normal(size=(50, 3)).astype(np.float32)
+    box = Box((0.0, 0.0, 0.0), (2.0, 2.0, 2.0))
+    assert forge.rotation(blob, box, allow_collision=True).num_touched
+    with pytest.raises(InputError, match="box: expected a centre beside the scanner's vertical"):
+        forge.rotation(blob, box, sideways=1.0, allow_collision=True)
+
+
 def test_the_place_of_a_turned_object_is_turned() -> None:
     """A long car at 45 degrees passes a pole that its upright box would hold."""
     turn = np.array([[1.0, -1.0], [1.0, 1.0]]) / math.sqrt(2.0)

@@ -14,7 +14,16 @@ import numpy as np
 import pytest
 
 from capsule_body import SMALL, frame, pose
-from manip3d import FormatError, InputError, Intrinsics, RgbdCalibration, RgbdFrame, capture, forge
+from manip3d import (
+    FormatError,
+    InputError,
+    Intrinsics,
+    Registration,
+    RgbdCalibration,
+    RgbdFrame,
+    capture,
+    forge,
+)
 from manip3d.forge._plates import _median_seen
 from manip3d.forge._stream import _joined_bits
 from manip3d.rgbd import NO_BODY
@@ -263,6 +272,17 @@ def test_lost_pixels_at_a_person_s_edge_do_not_stay_in_the_scene() -> None:
     np.testing.assert_array_equal(alone.color, scene.color)
 
 
+def test_no_person_stays_in_colours_that_the_plate_cannot_repaint() -> None:
+    seen = person()
+    bare = replace(wall(3000), color=None)
+    assert forge.without_people(seen, bare).color is None
+    other = replace(SMALL, fx=SMALL.fx * 1.5)
+    apart = replace(seen.calibration, registration=Registration(other, np.eye(3), np.zeros(3)))
+    found = forge.without_people(replace(seen, calibration=apart), wall(3000))
+    assert found.color is None
+    assert found.calibration.registration is None
+
+
 def test_wrong_arguments_are_named() -> None:
     for options, message in (
         ({"kind": 3}, "kind: expected 1 or 2, got 3"),
@@ -424,6 +444,23 @@ def test_a_small_truth_takes_no_more_memory_than_is_allowed(tmp_path: Path) -> N
     assert forge.read_stream_truth(path, max_bytes=32).masks.shape == (2, 4, 4)
     with pytest.raises(FormatError, match="32 pixels are more than max_bytes = 31"):
         forge.read_stream_truth(path, max_bytes=31)
+
+
+def test_a_truth_that_cannot_be_read_back_is_refused(tmp_path: Path) -> None:
+    masks = np.zeros((2, 4, 4), np.bool_)
+    path = tmp_path / "a.npz"
+    forge.StreamTruth(1, masks, np.arange(2, dtype=np.int32)).write(path)
+    assert forge.read_stream_truth(path).numbers.tolist() == [0, 1]
+    for kind, seen, numbers, message in (
+        (3, masks, [0, 1], "kind: expected 1 or 2, got 3"),
+        (1, masks, [0, 1, 2], "numbers: expected 2, one for each mask, got 3"),
+        (1, masks, [0.5, 1], "numbers: expected whole numbers"),
+        (1, masks[0], [0, 1], r"masks: expected bool \(T, H, W\)"),
+        (1, masks.astype(np.float32), [0, 1], r"masks: expected bool \(T, H, W\)"),
+        (1, masks[:, :0], [0, 1], r"masks: expected bool \(T, H, W\)"),
+    ):
+        with pytest.raises(InputError, match=message):
+            forge.StreamTruth(kind, seen, numbers)  # type: ignore[arg-type]
 
 
 def test_many_small_frames_and_long_recordings_are_read(tmp_path: Path) -> None:

@@ -375,7 +375,8 @@ def rotation(
     InputError
         ``angle`` or ``sideways`` is not finite; no object is found, no point of the scan is in the
         box, or no point would change, as with an ``angle`` of 0; the object would collide with
-        scene points.
+        scene points; or ``sideways`` is not 0, and the centre of the box is straight above or below
+        the scanner, so that no side is left.
 
     Examples
     --------
@@ -393,11 +394,13 @@ def rotation(
     inside = _core.points_in_box(scene.points, box_arguments(target), threads_of(threads))
     check_chosen(inside)
     center = scene.points[inside].mean(axis=0, dtype=np.float64)
-    away = _away(target, origin_of(origin, scene))
     transform = np.eye(4)
     transform[:3, :3] = _core.rotation_about_z(angle)
     transform[:3, 3] = center - product(transform[:3, :3], center)
-    transform[:2, 3] += sideways * np.array([-away[1], away[0]])
+    scanner = origin_of(origin, scene)
+    if sideways:  # a turn alone needs no direction from the scanner
+        away = _away(target, scanner)
+        transform[:2, 3] += sideways * np.array([-away[1], away[0]])
     if not allow_collision:
         moved_by = "angle, sideways" if sideways else "angle"
         _check_destination(scene, target, transform, moved_by, threads, yaw=angle)

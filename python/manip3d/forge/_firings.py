@@ -379,7 +379,8 @@ def _neighbours_on_ring(
     """
     at = np.searchsorted(place[beside], place[rows])
     left, right = beside[(at - 1).clip(min=0)], beside[at.clip(max=len(beside) - 1)]
-    same = (ring[left] == ring[rows]) & (ring[right] == ring[rows])
+    same = (at > 0) & (at < len(beside))  # the first and the last laser may lack a side
+    same &= (ring[left] == ring[rows]) & (ring[right] == ring[rows])
     return rows[same], left[same], right[same]
 
 

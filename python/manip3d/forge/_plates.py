@@ -146,7 +146,8 @@ def without_people(frame: RgbdFrame, plate: RgbdFrame) -> RgbdFrame:
     Returns
     -------
     RgbdFrame
-        The frame without people, also without skeletons.
+        The frame without people, also without skeletons. It has no colour if the plate has none, or
+        if colour is not registered to the depth image, since people would stay in it.
 
     Raises
     ------
@@ -172,16 +173,17 @@ def without_people(frame: RgbdFrame, plate: RgbdFrame) -> RgbdFrame:
     if frame.depth.shape != plate.depth.shape:
         raise InputError("plate: expected the size of the frame")
     nobody = _nobody(frame)
-    color = frame.color
+    color = None
     aligned = frame.calibration.registration is None
-    if color is not None and plate.color is not None and aligned:
-        color = np.where(nobody[..., None], color, plate.color)
+    if frame.color is not None and plate.color is not None and aligned:
+        color = np.where(nobody[..., None], frame.color, plate.color)
     return replace(
         frame,
         depth=np.where(nobody, frame.depth, plate.depth),
         color=color,
         body_index=np.full(nobody.shape, NO_BODY, np.uint8),
         skeletons=(),
+        calibration=replace(frame.calibration, registration=None),
     )
 
 

@@ -409,12 +409,14 @@ def stream(
         Recording of the person, who is found by their skeleton, else by ``body_index``. It
         determines the length of the stream.
     background : RgbdFrame or iterable of RgbdFrame
-        A still frame, or a sequence of frames. A list that is shorter than ``source`` is played
-        forwards and backwards; the stream ends when an iterator ends.
+        A still frame, or several. An iterator is read into a list first, except a recording, which
+        has a ``calibration``. A sequence that is shorter than ``source`` is played forwards and
+        backwards; the stream ends when a recording ends.
     kind : int
         Type of the forgery. 1: the person as recorded; 2: the person in the poses of ``pose``.
     pose : iterable of RgbdFrame or Skeleton, optional
-        For type 2: motion of any person, frame by frame; played like ``background``.
+        For type 2: motion of any person, frame by frame. A sequence is played like that of
+        ``background``; the stream ends when an iterator ends.
     method, scope
         Same as for `modify.animate`.
     move : (3,), metres

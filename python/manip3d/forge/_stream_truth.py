@@ -12,6 +12,7 @@ from zipfile import BadZipFile, ZipFile
 
 import numpy as np
 
+from manip3d._util.arrays import rows
 from manip3d._util.checked import checked
 from manip3d._util.paths import path_of
 from manip3d._util.reprs import short_repr
@@ -40,6 +41,12 @@ class StreamTruth:
         Forged pixels of each frame.
     numbers : (T,) int64
         `RgbdFrame.number` of each frame.
+
+    Raises
+    ------
+    InputError
+        ``kind`` is neither 1 nor 2, ``masks`` are no masks of frames with pixels, or ``numbers`` is
+        no list of a whole number for each of them.
     """
 
     kind: int
@@ -47,6 +54,19 @@ class StreamTruth:
     numbers: NDArray[np.int64]
 
     __repr__ = short_repr
+
+    def __post_init__(self) -> None:
+        if self.kind not in (1, 2):
+            raise InputError(f"kind: expected 1 or 2, got {self.kind}")
+        masks, numbers = np.asarray(self.masks), rows(self.numbers, None, np.int64, "numbers")
+        if masks.ndim != 3 or masks.dtype != np.bool_ or (len(masks) and not masks.size):
+            raise InputError(f"masks: expected bool (T, H, W), got {masks.dtype} {masks.shape}")
+        if len(numbers) != len(masks):
+            raise InputError(
+                f"numbers: expected {len(masks)}, one for each mask, got {len(numbers)}"
+            )
+        object.__setattr__(self, "masks", masks)
+        object.__setattr__(self, "numbers", numbers)
 
     def write(self, path: str | os.PathLike[str]) -> None:
         """Write the ground truth as a NumPy archive (``.npz``), atomically.
