@@ -16,6 +16,7 @@ from manip3d._util.shares import binomial_tail, clopper_pearson, upper_limit, up
 from manip3d.authenticate import DetectorReport, Inspection, drive_evidence, likelihood_ratio
 from manip3d.authenticate._drives import share_with_alarms
 from manip3d.authenticate._verdict import is_alarm
+from manip3d.report._evidence_files import sha256_of_source
 
 NOTHING = authenticate.inspect(LidarFrame(np.zeros((0, 3), np.float32)))
 
@@ -304,6 +305,23 @@ def test_no_scan_of_a_drive_is_left_out_for_want_of_a_number() -> None:
     with pytest.raises(InputError, match="numbers: expected one for each frame, got 2"):
         list(found)
     assert len(list(authenticate.inspect_drive([empty] * 3, numbers=itertools.count()))) == 3
+
+
+def test_no_scan_of_a_drive_is_left_out_for_want_of_a_record(tmp_path: Path) -> None:
+    """The watermark of the last scans was not verified, and nobody said so."""
+    empty = LidarFrame(np.empty((0, 3), np.float32))
+    with authenticate.KeyFile.create(tmp_path / "sensor.key") as key:
+        found = authenticate.inspect_drive([empty] * 3, records=[None, None], key=key)
+        with pytest.raises(InputError, match="records: expected one for each frame, got 2"):
+            list(found)
+        assert len(list(authenticate.inspect_drive([empty] * 2, records=[None] * 2, key=key))) == 2
+
+
+@pytest.mark.parametrize("source", ["a" * 300, "folder:" + "a" * 300, "bag:" + "a" * 300 + "#b"])
+def test_a_source_too_long_for_a_path_is_no_file(tmp_path: Path, source: str) -> None:
+    report.write_evidence(NOTHING, tmp_path / "page.html", source=source)
+    assert "SHA-256" not in (tmp_path / "page.html").read_text()
+    assert sha256_of_source(source) == ("", "")
 
 
 @pytest.mark.parametrize("rate", [0.01, 0.001, 0.007, 0.002])

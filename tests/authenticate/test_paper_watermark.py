@@ -201,6 +201,12 @@ def test_reembedding_a_real_scan(realdata: RealData, tmp_path: Path) -> None:
 
 
 @pytest.mark.realdata
+def test_blocks_of_another_length_accuse_nobody() -> None:
+    sent = embed_paper(frame(), BLOCKS)
+    with pytest.raises(InputError, match="blocks: expected 100 bits for each slice, got 50"):
+        compare_paper(sent.frame, BLOCKS[:, :50], sent.metadata)
+
+
 @pytest.mark.parametrize("embedding", PAPER_EMBEDDINGS)
 def test_no_wrong_bit_on_real_scans(realdata: RealData, tmp_path: Path, embedding: str) -> None:
     blocks = noise_blocks(3)

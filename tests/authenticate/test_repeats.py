@@ -141,6 +141,10 @@ def test_what_the_times_tell() -> None:
     assert remarks(5, 4, 3) == [("unordered", "times go back at numbers 1, 2")]
     assert remarks(None, None) == []
     assert remarks(0, 0, 0) == []
+    turns = np.array([5, 4, 3]) * TURN_NS
+    assert [r.kind for r in authenticate.judge_drive(scans[:3], times_ns=turns).remarks] == [
+        "unordered"
+    ]
     with pytest.raises(InputError, match="times_ns: expected 6, one for each scan, got 1"):
         authenticate.judge_drive(scans, times_ns=[0])
 

@@ -1125,6 +1125,7 @@ def test_wrong_arguments_are_named() -> None:
         (image.astype(np.float32), {}, "expected uint16"),
         (image[0], {}, "expected uint16"),
         (image, {"region": 1}, "region: expected 2 to 16384, got 1"),
+        (image, {"region": 2**31}, "region: expected 2 to 16384, got 2147483648"),
         (image, {"sigma": 0.0}, "sigma: expected 0.1 to 100"),
     ):
         with pytest.raises(InputError, match=message):

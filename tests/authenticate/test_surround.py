@@ -299,6 +299,7 @@ def test_rigs_come_back_from_their_file(tmp_path: Path) -> None:
         {"pairs": {"a": whole["pairs"]["front"] | {"left": "2"}}},
         {"pairs": {"a": whole["pairs"]["front"] | {"left": 1}}},
         {"pairs": {"a": whole["pairs"]["front"] | {"focal": -1.0}}},
+        {"pairs": {"a": whole["pairs"]["front"] | {"focal": 10**400}}},
         {"pairs": {"a": whole["pairs"]["front"] | {"center": [1.0]}}},
         {"pairs": {"a": whole["pairs"]["front"] | {"T_lidar_camera": [[1.0]]}}},
     ):

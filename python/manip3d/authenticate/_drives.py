@@ -119,7 +119,8 @@ def inspect_drive(
     Raises
     ------
     InputError
-        As `inspect`; a key is given without records; ``numbers`` ends before the frames do.
+        As `inspect`; a key is given without records; ``numbers`` or ``records`` end before the
+        frames do.
 
     Examples
     --------
@@ -302,8 +303,9 @@ def judge_drive(
     _check_each("times_ns", () if times_ns is None else times_ns, int, np.integer)
     if times_ns is not None and len(times_ns) != len(found):
         raise InputError(f"times_ns: expected {len(found)}, one for each scan, got {len(times_ns)}")
-    remarks = (*_repeated(found), *_remarks_of_times(times_ns or ()), *_remarks_of_motion(found))
-    if all(time is None for time in times_ns or ()):
+    times = [None if time is None else int(time) for time in (() if times_ns is None else times_ns)]
+    remarks = (*_repeated(found), *_remarks_of_times(times), *_remarks_of_motion(found))
+    if all(time is None for time in times):
         remarks += _remarks_of_numbers(places or ())
     return DriveInspection(
         verdict,
@@ -663,7 +665,12 @@ def _scans(
     with ExitStack() as stack:
         verifier = None if key is None else stack.enter_context(closing(Watermarker(key)))
         for place, ((frame, number), after) in enumerate(pairs):
-            record = next(records, None)
+            try:
+                record = next(records)
+            except StopIteration:
+                raise InputError(
+                    f"records: expected one for each frame, got {place}, and more frames"
+                ) from None
             scan = _Scan()
             if frame is not None:
                 if not isinstance(frame, LidarFrame):

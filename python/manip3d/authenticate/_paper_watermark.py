@@ -34,7 +34,7 @@ class PaperMetadata:
     embedding : 'lbm', 'qim' or 'qim-printed'
         Embedding, see `embed_paper`.
     key_2 : int
-        Secret key of 64 bits for the assignment of blocks to slices and of bits to points.
+        Secret key, 0 to 2**63 - 1, for the assignment of blocks to slices and of bits to points.
     frame : int
         Number of the frame.
     block_bits : int
@@ -159,7 +159,8 @@ def embed_paper(
         ``lbm``: lowest bits of x, y and z. ``qim``: QIM of z in cells of 2.5 mm, after which the
         receiver finds the same order of points. ``qim-printed``: QIM by equations 7.1 to 7.3.
     key_2 : int
-        Secret number that determines the permutations of the blocks, with ``frame``.
+        Secret number, 0 to 2**63 - 1, that determines the permutations of the blocks, with
+        ``frame``.
     frame : int
         Number of the frame.
     merge : 'adjacent' or 'paper'
@@ -174,7 +175,8 @@ def embed_paper(
     Raises
     ------
     InputError
-        Points are off the grid, or there are none; ``blocks`` has another shape or values.
+        Points are off the grid, or there are none; ``blocks`` has another shape or values;
+        ``key_2`` or ``frame`` is out of range.
 
     Notes
     -----
@@ -253,6 +255,10 @@ def compare_paper(
     image, options = _arguments(
         blocks, metadata.embedding, metadata.key_2, metadata.frame, "adjacent"
     )
+    if image.shape[1] != metadata.block_bits:
+        raise InputError(
+            f"blocks: expected {metadata.block_bits} bits for each slice, got {image.shape[1]}"
+        )
     by_point, by_bit, counts, rows = _core.compare_paper_watermark(
         given.points, given.intensity, image.ravel(),
         metadata.tile_of_slice.tolist(), metadata.counts.tolist(), options,

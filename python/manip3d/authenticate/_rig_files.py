@@ -129,7 +129,14 @@ def read_rigs(path: str | os.PathLike[str]) -> dict[str, CameraPair]:
         if values["format"] != _FORMAT or not values["pairs"]:
             raise ValueError(f"expected the format {_FORMAT!r} and pairs")
         return {str(pair): _pair(value) for pair, value in values["pairs"].items()}
-    except (ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
+    except (
+        ValueError,
+        TypeError,
+        KeyError,
+        AttributeError,
+        OverflowError,  # of a whole number beyond all floats
+        RecursionError,
+    ) as error:
         why = f"no {error}" if isinstance(error, KeyError) else str(error)
         raise FormatError(f"expected stereo rigs: {why}", file=name) from error
 

@@ -34,6 +34,8 @@ if TYPE_CHECKING:
 
     Mask = NDArray[np.bool_]
 
+_MAX_REGION = 16384  # pixels, as in the kernel
+
 
 @checked
 def depth_noise(
@@ -73,6 +75,8 @@ def depth_noise(
     image = np.ascontiguousarray(as_array(depth, "depth"))
     if image.ndim != 2 or image.dtype != np.uint16:
         raise InputError(f"depth: expected uint16 (H, W), got {image.dtype} {image.shape}")
+    if not 2 <= region <= _MAX_REGION:
+        raise InputError(f"region: expected 2 to {_MAX_REGION}, got {region}")
     options = _core.DepthNoiseOptions()
     options.region, options.sigma = region, sigma
     means = _core.depth_noise(image, options)
