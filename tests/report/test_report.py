@@ -14,6 +14,7 @@ from landmarks import assert_accessible
 from manip3d import FormatError, InputError
 from manip3d.experiments import run
 from manip3d.report import write_alert_overview, write_report
+from manip3d.report._tables import tables
 from toy_experiments import all_below, experiment
 
 EVIL = '<script>alert("x")</script>'
@@ -243,3 +244,28 @@ def test_the_overview_links_pages_whose_names_are_not_utf_8(tmp_path: Path) -> N
     record = {"source": name, "error": "no such drive", "page": f"{name}.html"}
     write_alert_overview([record], tmp_path / "overview.html")
     assert "<a href='drive%E9.html'>drive\\udce9</a>" in (tmp_path / "overview.html").read_text()
+
+
+def test_a_drive_that_failed_without_a_word_has_failed(tmp_path: Path) -> None:
+    write_alert_overview([{"source": "car", "error": ""}], tmp_path / "overview.html")
+    assert "<span class=failed>failed</span>" in (tmp_path / "overview.html").read_text()
+
+
+@pytest.mark.parametrize(
+    ("rows", "kinds"),
+    [
+        ([(1.0, {"reached": False}), (1.0, {}), (2.0, {})], ["value", "best", "value"]),
+        ([(0.5, {"error": "boom"}), (1.0, {}), (2.0, {})], ["word", "best", "value"]),
+    ],
+)
+def test_only_a_row_that_counts_is_the_best(
+    rows: list[tuple[float, dict[str, object]]], kinds: list[str]
+) -> None:
+    column = {"name": "err", "title": "error", "lower_is_better": True, "scale": 1.0, "digits": 2,
+              "published": "printed", "ratio": False, "words": {}}  # fmt: skip
+    record = {
+        "rows": [{"model": "m", "err": value, "data": "published"} | more for value, more in rows],
+        "columns": [column],
+    }
+    (table,) = tables(record)
+    assert [cell.kind for row in table.groups[0].rows for cell in row] == kinds

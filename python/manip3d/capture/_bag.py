@@ -221,7 +221,7 @@ def place_and_topic(uri: str) -> tuple[str, str]:
     """
     place = uri.partition(":")[2]
     path, mark, topic = place.rpartition("#")
-    return (path, topic) if mark and not Path(place).exists() else (place, "")
+    return (path, topic) if mark and not os.path.exists(place) else (place, "")
 
 
 class BagPicture(NamedTuple):

@@ -81,7 +81,7 @@ def write_alert_overview(
 
 
 def _verdict_of(drive: Mapping[str, Any]) -> str:
-    return "failed" if drive.get("error") else str(drive["verdict"])
+    return "failed" if "error" in drive else str(drive["verdict"])
 
 
 def _word(verdict: str) -> str:

@@ -348,7 +348,7 @@ def _ratio(inspection: Inspection) -> str:
 def _facts(inspection: Inspection, source: str) -> str:
     """Return a list of facts: file, scanner, processing, limits and smallest p-values."""
     facts = [f"manip3d {__version__}"]
-    if Path(source).is_file():
+    if os.path.isfile(source):  # False also for a text that is too long for a path
         facts.append(f"SHA-256 of the file: {file_sha256(Path(source))}")
     if inspection.sensor is not None:
         facts.append(f"scanner: {inspection.sensor.name}; {inspection.sensor.reason}")

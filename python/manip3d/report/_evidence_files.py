@@ -49,13 +49,14 @@ def sha256_of_source(source: str) -> tuple[str, str]:
     from manip3d.capture._bag import place_and_topic
     from manip3d.datasets import file_sha256, folder_sha256
 
+    # The functions of os.path, unlike those of Path, are False for a text too long for a path.
     place = Path(source)
     scheme, _, rest = source.partition(":")
-    if scheme in ("folder", "mkv", "tum", *_SCAN_SCHEMES) and not place.exists():
+    if scheme in ("folder", "mkv", "tum", *_SCAN_SCHEMES) and not os.path.exists(place):
         place = Path(rest)
     place = Path(place_and_topic(f"any:{place}")[0])
-    if place.is_file():
+    if os.path.isfile(place):
         return file_sha256(place), "the file"
-    if place.is_dir():
+    if os.path.isdir(place):
         return folder_sha256(place), "what sha256sum prints for the files of the folder"
     return "", ""

@@ -22,8 +22,8 @@ class Cell:
     text : str
         The value as text.
     kind : str
-        ``value``, ``best`` (the lowest of its model among rows that reached the target), ``word``
-        or ``none``.
+        ``value``, ``best`` (the lowest of its model among rows that reached the target and did not
+        fail), ``word`` or ``none``.
     printed : str
         The published value; ``""`` if there is none.
     ratio : str
@@ -135,8 +135,12 @@ def number(value: float, column: Mapping[str, Any]) -> str:
 
 
 def _lowest(rows: Sequence[Row], name: str) -> float | None:
-    values = [row[name] for row in rows if _is_number(row.get(name)) and row.get("reached", True)]
+    values = [row[name] for row in rows if _is_number(row.get(name)) and _may_be_best(row)]
     return min(values) if len(values) > 1 else None
+
+
+def _may_be_best(row: Row) -> bool:
+    return not row.get("error") and bool(row.get("reached", True))
 
 
 def _is_number(value: Any) -> bool:
@@ -163,7 +167,7 @@ def _cell(row: Row, column: Mapping[str, Any], best: Mapping[str, float | None])
         return Cell(_word(row, column) if value is not None else "failed", "word")
     printed, ratio, hint = _published(row, column)
     if _is_number(value):
-        is_best = best.get(name) is not None and value == best[name]
+        is_best = best.get(name) is not None and value == best[name] and _may_be_best(row)
         return Cell(number(value, column), "best" if is_best else "value", printed, ratio, hint)
     kind = "word" if value not in (None, "") else "none"
     return Cell(_word(row, column), kind, printed, ratio, hint)
