@@ -35,6 +35,12 @@ def test_a_scene_becomes_a_scan(tmp_path: Path) -> None:
     assert read_scan(output).num_points == record["points"] > 30_000
 
 
+def test_cameras_all_around_need_pictures(tmp_path: Path) -> None:
+    asked = ("simulate", "sim:street", "-o", tmp_path / "drives", "--surround", "--no-pictures")
+    assert "--surround: cannot be given with --no-pictures" in error_line(manip3d(*asked))
+    assert not (tmp_path / "drives").exists()
+
+
 def test_unknown_sources_and_suffixes_are_one_line(tmp_path: Path) -> None:
     line = error_line(manip3d("simulate", "sim:moon", "-o", tmp_path / "moon"))
     assert "sim:moon: expected sim:street or a scene" in line

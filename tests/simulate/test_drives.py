@@ -11,6 +11,7 @@ import pytest
 from manip3d import InputError
 from manip3d.datasets import open_kitti
 from manip3d.simulate import DriveFrame, Street, cameras, drive, drives, write_drive
+from manip3d.simulate.lidar import TURN_PERIOD
 
 pytest.importorskip("open3d")
 image = pytest.importorskip("PIL.Image")
@@ -124,6 +125,29 @@ def test_frames_do_not_depend_on_how_many_follow(place: Street, frames: list[Dri
     np.testing.assert_array_equal(alone.scan.points, frames[0].scan.points)
 
 
+def test_each_camera_of_a_surround_drive_has_its_times(place: Street, tmp_path: Path) -> None:
+    """Pairs expose when the LiDAR, which turns clockwise, looks in their direction."""
+    folder = write_drive(place, tmp_path / "mine", 1, start=1.0, surround=True)
+    seconds = {
+        camera: float((folder / f"image_{camera:02d}/timestamps.txt").read_text()[17:].strip())
+        for camera in range(2, 12)
+    }
+    turns = {"front": 0.0, "left": -0.2, "rear-left": -0.4, "rear-right": 0.4, "right": 0.2}
+    for name, pair in drives.surround_pairs().items():
+        assert seconds[pair.left] == seconds[pair.right]
+        assert seconds[pair.left] == pytest.approx(1.0 + turns[name] * TURN_PERIOD)
+        assert (folder / f"image_{pair.right:02d}/data/0000000000.png").is_file()
+
+
+def test_one_time_for_all_rays_is_as_a_time_for_each(place: Street) -> None:
+    rays = np.tile(np.float32([1.0, 0.0, 0.0]), (4, 1))
+    origins = np.tile(np.float32([60.0, 0.0, 2.0]), (4, 1))
+    together = place.stage.cast(origins, rays, 0.5)
+    each = place.stage.cast(origins, rays, np.full(4, 0.5, np.float32))
+    np.testing.assert_array_equal(together.distance, each.distance)
+    np.testing.assert_array_equal(together.object, each.object)
+
+
 def test_a_stopped_run_leaves_nothing(place: Street, tmp_path: Path) -> None:
     def stop(fraction: float, message: str) -> None:
         if fraction > 0:
@@ -141,6 +165,8 @@ def test_an_existing_folder_and_a_short_street_are_refused(place: Street, tmp_pa
         write_drive(place, tmp_path / "far", 100_000)
     with pytest.raises(InputError, match="frames: expected at least 1, got 0"):
         list(drive(place, 0))
+    with pytest.raises(InputError, match="surround: requires pictures=True"):
+        list(drive(place, 1, pictures=False, surround=True))
     with pytest.raises(InputError, match="number: expected 0 to 9999"):
         write_drive(place, tmp_path / "far", 1, number=10_000)
     assert list(tmp_path.iterdir()) == []

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any
+
 import numpy as np
 import pytest
 
 from manip3d import InputError
 from manip3d.simulate import Street, drive, open_source, scenes, terrestrial_scan
+from manip3d.simulate.sources import open_drive, watched_street
 
 pytest.importorskip("open3d")
 
@@ -42,8 +46,27 @@ def test_a_scene_gives_one_scan() -> None:
         ("sim:indoor-00?frames=2", "unknown option frames"),
         ("sim:indoor-00?resolution=0", "resolution_deg: expected 1e-4 to 10 degrees"),
         ("sim:indoor-00?resolution=", "resolution: expected a number, got ''"),
+        ("sim:street?frames=1#x", "address: expected nothing after a #"),
+        ("sim:street?seed=1&seed=2", "seed: expected it once, got it twice"),
+        ("sim:body?frames=2&frames=3", "frames: expected it once, got it twice"),
     ],
 )
 def test_bad_addresses_are_refused(address: str, text: str) -> None:
     with pytest.raises(InputError, match=text.replace("?", r"\?")):
         list(open_source(address))
+
+
+@pytest.mark.parametrize(("asked", "told"), [(5, 2), (1, 1), (None, 2)])
+def test_a_watched_street_states_how_long_it_is(asked: int | None, told: int) -> None:
+    watched = watched_street("sim:street?frames=2&seed=3", frames=asked)
+    assert watched.num_frames == told
+
+
+@pytest.mark.parametrize("opened", [open_drive, watched_street])
+def test_a_drive_s_address_has_each_option_once(opened: Callable[[str], Any]) -> None:
+    for address, words in (
+        ("sim:street?seed=1&seed=2", "seed: expected it once"),
+        ("sim:street#x", "nothing after a #"),
+    ):
+        with pytest.raises(InputError, match=words):
+            opened(address)

@@ -211,6 +211,12 @@ def test_bad_options_are_refused(
         terrestrial_scan(office, **options)
 
 
+def test_the_sky_returns_nothing_at_any_range(street: scenes.Scene) -> None:
+    near = terrestrial_scan(street, resolution_deg=3.0, max_range=1e9)
+    far = terrestrial_scan(street, resolution_deg=3.0, max_range=float("inf"))
+    np.testing.assert_array_equal(far.points, near.points)
+
+
 def test_unknown_scenes_are_refused() -> None:
     with pytest.raises(InputError, match="name: expected a scene"):
         scenes.make("indoor-99")

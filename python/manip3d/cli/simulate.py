@@ -174,6 +174,8 @@ def simulate(
 
     Example: manip3d simulate sim:indoor-00 -o scan.pcd
     """
+    if surround and no_pictures:
+        raise InputError("--surround: cannot be given with --no-pictures")
     check_place(output, force=force, is_ours=_rule_of_folders(source))
     shell = Terminal(as_json=as_json, quiet=quiet)
     record = write_simulated(

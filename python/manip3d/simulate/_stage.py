@@ -172,8 +172,7 @@ class Stage:
         low, high = mover.model.vertices.min(axis=0), mover.model.vertices.max(axis=0)
         radius = 0.5 * float(np.linalg.norm(high - low, axis=-1)) + 0.1
         center = np.array(mover.start) + np.array([0.0, 0.0, 0.5 * (low[2] + high[2])])
-        off = center.astype(np.float32) + _moved(mover, times)
-        off -= origins
+        off = center.astype(np.float32) + _moved(mover, times) - origins
         along = np.einsum("ij,ij->i", off, directions)
         aside = np.einsum("ij,ij->i", off, off) - along * along
         return np.flatnonzero((along > -radius) & (aside < radius * radius))

@@ -140,12 +140,14 @@ def drive(
     Raises
     ------
     InputError
-        The street ends before the last frame.
+        The street ends before the last frame, or ``surround`` is set without ``pictures``.
     MissingExtraError
         Open3D is not installed.
     """
     if frames < 1:
         raise InputError(f"frames: expected at least 1, got {frames}")
+    if surround and not pictures:
+        raise InputError("surround: requires pictures=True")
     times = start + TURN_PERIOD * np.arange(frames)
     street.pose([times[0] - TURN_PERIOD, times[-1] + TURN_PERIOD])  # raises before the first frame
     seeds = generator_of(rng).spawn(frames)
@@ -169,7 +171,7 @@ def _around(
     return {
         name: stereo_pair(
             street,
-            time - heading / 360.0 * TURN_PERIOD,
+            time + _exposure_shift(heading),
             heading=heading,
             rng=random,
             threads=threads,
@@ -177,6 +179,11 @@ def _around(
         for name, heading in cameras.SURROUND.items()
         if heading != 0.0
     }
+
+
+def _exposure_shift(heading: float) -> float:
+    """Seconds from when the LiDAR looks ahead to when it looks in a direction, degrees."""
+    return -heading / 360.0 * TURN_PERIOD
 
 
 @checked
@@ -197,8 +204,8 @@ def write_drive(
     """Write a drive in KITTI's raw layout, which `manip3d.datasets.open_kitti` reads.
 
     In addition to KITTI's files there are ``velodyne_points/labels`` (per point: the label in the
-    lower 16 bits, the object's number plus 1 in the upper 16) and ``label_2`` (boxes). The folder
-    is written atomically.
+    lower 16 bits, the object's number plus 1 in the upper 16) and ``label_2`` (boxes). LiDAR,
+    ``oxts`` and each camera have ``timestamps.txt``. The folder is written atomically.
 
     Parameters
     ----------
@@ -227,7 +234,8 @@ def write_drive(
     Raises
     ------
     InputError
-        ``folder`` exists and must not be replaced, or the street is too short.
+        ``folder`` exists and must not be replaced, the street is too short, or ``surround`` is set
+        without ``pictures``.
     MissingExtraError
         Open3D is not installed, or Pillow is not although ``pictures`` is set.
     OSError
@@ -253,7 +261,7 @@ def write_drive(
             rng=rng,
             threads=threads,
         )
-        if pictures and surround:
+        if surround:
             (day / name).mkdir(parents=True)
             write_rigs(surround_pairs(), day / name / RIGS_FILE)
         with reporting(progress, "frames") as report:
@@ -262,7 +270,8 @@ def write_drive(
                 moments.append(frame.time_s)
                 if report is not None:
                     report((index + 1) / frames)
-        _write_times(day / name, moments, pictures=pictures)
+        headings = cameras.SURROUND if surround else {"front": 0.0}
+        _write_times(day / name, moments, headings if pictures else {})
     return target / DATE / name
 
 
@@ -309,11 +318,19 @@ def _write(path: Path, data: bytes) -> None:
     path.write_bytes(data)
 
 
-def _write_times(folder: Path, moments: list[float], *, pictures: bool) -> None:
-    """Write the timestamps of all sensors, one line per frame."""
+def _write_times(folder: Path, moments: list[float], headings: Mapping[str, float]) -> None:
+    """Write the timestamps of LiDAR, position and cameras, one line per frame.
+
+    ``headings`` are those of the stereo pairs with pictures.
+    """
     half = TURN_PERIOD / 2.0
-    parts = ["velodyne_points", "oxts"] + (["image_02", "image_03"] if pictures else [])
-    files = [(f"{part}/timestamps.txt", 0.0) for part in parts]
+    files = [(f"{part}/timestamps.txt", 0.0) for part in ("velodyne_points", "oxts")]
+    pairs = surround_pairs()
+    files += [
+        (f"image_{camera:02d}/timestamps.txt", _exposure_shift(heading))
+        for name, heading in headings.items()
+        for camera in (pairs[name].left, pairs[name].right)
+    ]
     files += [
         ("velodyne_points/timestamps_start.txt", -half),
         ("velodyne_points/timestamps_end.txt", half),

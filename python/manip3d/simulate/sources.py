@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import itertools
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 from urllib.parse import parse_qsl, urlsplit
 
 from manip3d._util.checked import checked
@@ -58,9 +58,8 @@ def open_source(address: str, *, threads: int = 0) -> Iterator[LidarFrame] | Bod
     >>> for frame in open_source("sim:street?seed=3&frames=2"):  # doctest: +SKIP
     ...     print(frame.num_points)
     """
-    parts = urlsplit(address)
-    name, options = parts.path, dict(parse_qsl(parts.query, keep_blank_values=True))
-    if parts.scheme != "sim":
+    scheme, name, options = _parts_of(address)
+    if scheme != "sim":
         raise InputError(f"address: expected sim:..., got {address!r}")
     if name == "body":
         return _body(options, address, threads)
@@ -117,15 +116,38 @@ def open_drive(address: str, *, threads: int = 0) -> Iterator[DriveFrame]:
     >>> for frame in open_drive("sim:street?seed=3&frames=2"):  # doctest: +SKIP
     ...     print(frame.pictures.left.shape, frame.velocity)
     """
-    parts = urlsplit(address)
-    if (parts.scheme, parts.path) != ("sim", "street"):
+    options = _drive_options(address)
+    return drive(
+        street(options.seed),
+        options.frames,
+        start=options.start,
+        surround=options.surround,
+        rng=options.seed,
+        threads=threads,
+    )
+
+
+class _DriveOptions(NamedTuple):
+    """Options of an address of `open_drive`."""
+
+    seed: int
+    frames: int
+    start: float
+    surround: bool
+
+
+def _drive_options(address: str) -> _DriveOptions:
+    scheme, name, options = _parts_of(address)
+    if (scheme, name) != ("sim", "street"):
         raise InputError(f"address: expected sim:street, got {address!r}")
-    options = dict(parse_qsl(parts.query, keep_blank_values=True))
-    seed, frames = _taken(options, "seed", int, 0), _taken(options, "frames", int, 10)
-    start = _taken(options, "start", float, 0.0)
-    surround = _yes_or_no("surround", options.pop("surround", "no"))
-    _refuse_others(options, address, ("seed", "frames", "start", "surround"))
-    return drive(street(seed), frames, start=start, surround=surround, rng=seed, threads=threads)
+    told = _DriveOptions(
+        _taken(options, "seed", int, 0),
+        _taken(options, "frames", int, 10),
+        _taken(options, "start", float, 0.0),
+        _yes_or_no("surround", options.pop("surround", "no")),
+    )
+    _refuse_others(options, address, _DriveOptions._fields)
+    return told
 
 
 @checked
@@ -156,12 +178,15 @@ def watched_street(address: str, *, frames: int | None = None, threads: int = 0)
     """
     if frames is not None and frames < 1:
         raise InputError(f"frames: expected at least 1, got {frames}")
+    has = _drive_options(address).frames
     source = open_drive(address, threads=threads)
     first = next(source)
     around = cameras.surround_rigs()
     taken = itertools.islice(itertools.chain([first], source), frames)
     return WatchedDrive(
-        around if first.around else around["front"], map(_moment, taken), frames or 0
+        around if first.around else around["front"],
+        map(_moment, taken),
+        has if frames is None else min(has, frames),
     )
 
 
@@ -175,6 +200,19 @@ def _moment(frame: DriveFrame) -> DriveMoment:
         time_s=frame.time_s,
         pairs=pairs or None,
     )
+
+
+def _parts_of(address: str) -> tuple[str, str, dict[str, str]]:
+    """Scheme, name and options of an address."""
+    parts = urlsplit(address)
+    if "#" in address:
+        raise InputError(f"address: expected nothing after a #, got {address!r}")
+    options: dict[str, str] = {}
+    for name, text in parse_qsl(parts.query, keep_blank_values=True):
+        if name in options:
+            raise InputError(f"{name}: expected it once, got it twice in {address!r}")
+        options[name] = text
+    return parts.scheme, parts.path, options
 
 
 def _body(options: Mapping[str, str], address: str, threads: int) -> BodySimulator:

@@ -32,6 +32,7 @@ MIXED_SHARE = 0.02
 """Largest share of points with a mixed range."""
 SUB_RAYS = 6
 """Number of rays over the footprint of a beam that may hit two surfaces."""
+_FARTHEST_M = float(np.finfo(np.float32).max)  # of a return; the range of the sky is infinite
 _SKY_M = 1e4  # metres: range of rays without a hit, so that they differ from all others
 _STEPS_PER_M = np.float32(1000.0)  # ranges are rounded to 1 mm
 _ROUNDING = (
@@ -168,6 +169,7 @@ def terrestrial_scan(
             raise InputError(f"{name}: expected a finite number >= 0, got {value}")
     if not max_range > min_range:
         raise InputError(f"max_range: expected more than {min_range}, got {max_range}")
+    max_range = min(max_range, _FARTHEST_M)
     random = generator_of(rng)
     with reporting(progress, "scan") as report:
         scanner = _Scanner(scene, grid, math.radians(angle_noise_deg), random, threads)
