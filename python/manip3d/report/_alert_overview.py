@@ -81,7 +81,7 @@ def write_alert_overview(
 
 
 def _verdict_of(drive: Mapping[str, Any]) -> str:
-    return "failed" if "error" in drive else str(drive["verdict"])
+    return "failed" if drive.get("error") else str(drive.get("verdict") or "failed")
 
 
 def _word(verdict: str) -> str:
@@ -96,7 +96,7 @@ def _vehicle(drive: Mapping[str, Any], name: str) -> str:
     verdict = _verdict_of(drive)
     shown = f"<h2>{name}: <span class={verdict}>{_word(verdict)}</span></h2>"
     if verdict == "failed":
-        return f"<section>{shown}<p>{html.escape(str(drive['error']))}</p></section>"
+        return f"<section>{shown}<p>{html.escape(str(drive.get('error', '')))}</p></section>"
     frames, region = drive["frames"], RiskParameters()
     given = drive.get("risk_levels", {"low": region.low, "high": region.high})
     levels = (float(given["low"]), float(given["high"]))
