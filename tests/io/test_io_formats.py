@@ -180,8 +180,9 @@ def test_mtl_factors(tmp_path: Path) -> None:
     assert material.base_color == (0.5, 0.5, 0.5, 0.75)
     (material,) = with_mtl(tmp_path, "newmtl a\nd -halo 1\nKd spectral f.rfl\n").mesh.materials
     assert (material.base_color, material.alpha_mode) == ((1, 1, 1, 1), "opaque")
-    (material,) = with_mtl(tmp_path, "newmtl a\nd -halo 0.5\n").mesh.materials
-    assert (material.base_color[3], material.alpha_mode) == (0.5, "blend")
+    for option in ("-halo", "-HALO"):
+        (material,) = with_mtl(tmp_path, f"newmtl a\nd {option} 0.5\n").mesh.materials
+        assert (material.base_color[3], material.alpha_mode) == (0.5, "blend")
     seen = with_mtl(tmp_path, "newmtl a\nd -0.0\n")
     assert seen.warnings == ("m.mtl: materials of opacity 0 (d 0, Tr 1) are read as opaque",)
 

@@ -71,8 +71,9 @@ Texture read_map(LineCursor& cursor, const char* what, const WarnOf& warn_of) {
   while (true) {
     const char* before = cursor.position();
     const std::string_view word = cursor.word();
-    const auto* option = std::find_if(std::begin(kMapOptions), std::end(kMapOptions),
-                                      [&](const MapOption& o) { return o.name == word; });
+    const auto* option =
+        std::find_if(std::begin(kMapOptions), std::end(kMapOptions),
+                     [&](const MapOption& o) { return is_same_in_any_case(word, o.name); });
     if (option == std::end(kMapOptions)) {
       cursor.move_to(before);
       break;
@@ -87,12 +88,12 @@ Texture read_map(LineCursor& cursor, const char* what, const WarnOf& warn_of) {
         break;
       }
       changes_picture |= may_change && !is_equal(argument, option->neutral[i]);
-      if (word == "-clamp" && argument == "on") {
+      if (option->name == "-clamp" && argument == "on") {
         texture.wrap.fill(TextureWrap::kClamp);
         changes_picture = false;
       }
     }
-    if (changes_picture) warn_of(word);
+    if (changes_picture) warn_of(option->name);
   }
   std::string path(cursor.rest());
   if (path.size() > 2 && path.front() == '"' && path.back() == '"') {
@@ -184,7 +185,8 @@ class MtlReader {
     } else if (keyword == "d") {
       if (cursor.at_end()) cursor.fail("d", "a number");
       const char* const before = cursor.position();
-      if (cursor.word() != "-halo") cursor.move_to(before);  // an opacity by angle of view
+      const bool is_halo = is_same_in_any_case(cursor.word(), "-halo");  // by angle of view
+      if (!is_halo) cursor.move_to(before);
       set_opacity(m, fraction(cursor, "d"));
     } else if (keyword == "tr") {
       set_opacity(m, 1.0 - fraction(cursor, "Tr"));

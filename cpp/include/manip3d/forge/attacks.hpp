@@ -63,8 +63,7 @@ struct ResampleOptions {
 /// over the target) is below 1, points are left out. If it is above 1, points are interpolated: on
 /// the faces if there are any, else between neighbouring points. Points at one place count once.
 /// @return  At most one point if the faces have less area than two fifths of spacing^2, none if
-/// they
-///          have no area.
+///          they have no area.
 /// @throws InputError  the points fail check_points; fewer than 2 points; spacing not above 0; more
 ///                     than 2^24 points needed to choose from; all points are equal.
 Points resample(const PointsView& object, const Eigen::Ref<const Faces>& faces,
