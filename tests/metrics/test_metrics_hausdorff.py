@@ -72,7 +72,25 @@ def test_the_order_of_units_and_places_does_not_matter() -> None:
     assert math.isclose(bound.upper, 1e-6, rel_tol=6e-3)
 
 
-@pytest.mark.parametrize("tolerance", [0.0, -1.0, math.nan])
-def test_a_tolerance_is_above_zero(tolerance: float) -> None:
+@pytest.mark.parametrize("size", [1e3, 1e5, 1e7])
+def test_bounds_of_a_much_larger_mesh_are_in_order(size: float) -> None:
+    vertices, faces = grid(11, 11)
+    vertices = np.c_[vertices[:, :2], np.sin(0.7 * vertices[:, 0]) * np.cos(0.5 * vertices[:, 1])]
+    larger = Mesh([*vertices, [size, 0, 0]], [*faces, [0, 1, len(vertices)]])
+    bound = hausdorff_bound(Mesh(vertices, faces), larger)
+    assert bound.forward[0] <= bound.forward[1]
+    assert bound.backward[0] <= bound.backward[1]
+    assert math.isclose(bound.backward[0], size, rel_tol=0.1)
+
+
+@pytest.mark.parametrize("size", [1e9, 1e20, 1e200])
+def test_a_tolerance_that_is_too_small_for_the_size_is_refused(size: float) -> None:
+    larger = TRIANGLE.replace(vertices=TRIANGLE.vertices * size)
+    with pytest.raises(InputError, match=r"tolerance: expected at least .* of these sizes"):
+        hausdorff_bound(TRIANGLE, larger)
+
+
+@pytest.mark.parametrize("tolerance", [0.0, -1.0, 9e-13, math.nan])
+def test_a_tolerance_is_above_rounding(tolerance: float) -> None:
     with pytest.raises(InputError, match="tolerance"):
         hausdorff_bound(TRIANGLE, TRIANGLE, tolerance=tolerance)

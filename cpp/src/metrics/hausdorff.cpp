@@ -17,6 +17,8 @@ using Eigen::Vector3d;
 
 // Largest rounding error of a distance between meshes scaled to size 1.
 constexpr double kRounding = 1e-13;
+// Smallest tolerance, as a share of the size: parts that are halved as far as that still differ.
+constexpr double kLeastTolerance = 1e-12;
 // A patch is evaluated if its reach is at most this many of its longest edges.
 constexpr double kNearFaces = 3.0;
 
@@ -33,6 +35,18 @@ Triangle3 corners_of(const MeshView& mesh, std::int64_t face) {
   Triangle3 corners;
   for (int k = 0; k < 3; ++k) corners[k] = mesh.vertices.row(mesh.faces(face, k));
   return corners;
+}
+
+/// Largest coordinate of a mesh.
+double extent_of(const MeshView& mesh) {
+  const BoundingBox box = bounding_box(mesh);
+  return box.max.cwiseAbs().cwiseMax(box.min.cwiseAbs()).maxCoeff();
+}
+
+/// Size of the larger mesh, relative to the original: rounding errors grow with it.
+double relative_size(const NormalizedPair& pair) {
+  const double extent = std::max(extent_of(pair.original()), extent_of(pair.simplified()));
+  return std::max(1.0, extent / pair.diagonal());
 }
 
 int longest_edge(const Triangle3& t) {
@@ -106,8 +120,9 @@ class TriangleBounds {
   PatchDistance distance_;
 };
 
-Bounds one_sided(const MeshView& from, const MeshView& to, double tolerance, int num_threads,
-                 const Progress& progress) {
+/// Bounds of a distance whose rounding error is at most `rounding`.
+Bounds one_sided(const MeshView& from, const MeshView& to, double tolerance, double rounding,
+                 int num_threads, const Progress& progress) {
   const TriangleBvh bvh(to, part_of(progress, 0.0, 0.1));
   // First finds a large lower bound, because parts nearer than it need no evaluation.
   const auto lower_of = [&](std::int64_t begin, std::int64_t end) {
@@ -133,7 +148,7 @@ Bounds one_sided(const MeshView& from, const MeshView& to, double tolerance, int
   };
   Bounds result = accumulate_in_order<Bounds>(from.num_faces(), num_threads,
                                               part_of(progress, 0.3, 1.0), bound_of);
-  result.upper += kRounding;
+  result.upper = std::max(result.upper, result.lower) + rounding;
   return result;
 }
 
@@ -145,10 +160,15 @@ HausdorffResult hausdorff_bound(const MeshView& original, const MeshView& simpli
     throw InputError("tolerance: expected > 0, got " + number_text(options.tolerance));
   }
   const NormalizedPair pair(original, simplified);
+  const double size = relative_size(pair);
+  if (!(options.tolerance >= kLeastTolerance * size)) {
+    throw InputError("tolerance: expected at least " + number_text(kLeastTolerance * size) +
+                     " for meshes of these sizes, got " + number_text(options.tolerance));
+  }
   const double tolerance = options.tolerance * pair.diagonal();
   const auto measure = [&](const MeshView& from, const MeshView& to, double start) {
-    const Bounds bounds =
-        one_sided(from, to, tolerance, options.num_threads, part_of(progress, start, start + 0.5));
+    const Bounds bounds = one_sided(from, to, tolerance, kRounding * size, options.num_threads,
+                                    part_of(progress, start, start + 0.5));
     return DistanceBounds{bounds.lower * pair.unit(), bounds.upper * pair.unit()};
   };
   HausdorffResult result;

@@ -338,7 +338,7 @@ def hausdorff_bound(
         In the same units and place; at least one face each.
     tolerance : float
         Largest difference of the bounds, in diagonals of the original's bounding box. Smaller
-        values take more time.
+        values take more time. At least 1e-12, more if ``simplified`` is larger than the original.
     threads : int
         0: ``MANIP3D_THREADS``, else all cores. The result is the same, bit for bit, for any number.
     progress : None, True or callable(fraction, message)
@@ -351,7 +351,8 @@ def hausdorff_bound(
     Raises
     ------
     InputError
-        A mesh has no faces; the original's bounding box is a point; ``tolerance`` is not above 0.
+        A mesh has no faces; the original's bounding box is a point; ``tolerance`` is not above 0
+        or too small for the size of the meshes.
 
     Notes
     -----

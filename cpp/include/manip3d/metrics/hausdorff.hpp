@@ -6,7 +6,8 @@
 namespace manip3d {
 
 struct HausdorffOptions {
-  /// Largest difference of the bounds, in diagonals of the original; > 0.
+  /// Largest difference of the bounds, in diagonals of the original; at least 1e-12, and at least
+  /// 1e-12 of the largest distance of a used vertex from the original's centre along an axis.
   double tolerance = 1e-4;
   int num_threads = 0;  ///< Number of threads; 0: all cores.
 };
@@ -30,7 +31,7 @@ struct HausdorffResult {
 /// to lie within the largest distance found plus `tolerance`; otherwise it is halved. The result
 /// has the same bits for any number of threads.
 /// @throws InputError  as check_mesh; a mesh without faces; an original whose bounding box is a
-///                     point; tolerance not > 0.
+///                     point; tolerance too small for the size of the meshes.
 HausdorffResult hausdorff_bound(const MeshView& original, const MeshView& simplified,
                                 const HausdorffOptions& options = {},
                                 const Progress& progress = {});
