@@ -133,6 +133,31 @@ def test_texture_coordinates_in_another_camera_are_those_of_the_dense_mesh(
     np.testing.assert_allclose(mesh.texcoords, expected, atol=1e-5)
 
 
+@pytest.mark.parametrize(
+    ("shape", "first_row", "target"),
+    [
+        ((64, 2048), 0, 8),
+        ((64, 2048), 0, 20),
+        ((1, 1000), 0, 10),
+        ((1000, 1), 0, 10),
+        ((64, 2048), 54, 20),
+        ((480, 640), 479, 3),
+        ((100, 100), 0, 1),
+    ],
+)
+def test_a_narrow_scan_is_sampled(shape: tuple[int, int], first_row: int, target: int) -> None:
+    v, u = np.mgrid[: shape[0], : shape[1]]
+    points = np.stack([0.01 * u, -0.01 * v, np.ones(shape)], axis=-1)
+    mesh = sample_depth_grid(points, v >= first_row, target)
+    assert target / 2 < mesh.num_vertices <= target
+
+
+def test_points_at_one_place_give_one_disk_and_no_crossing() -> None:
+    points = np.broadcast_to([0.0, 0.0, 1.0], (20, 20, 3))
+    assert sample_depth_grid(points, None, 50, method="poisson").num_vertices == 1
+    assert sample_depth_grid(points, None, 50, method="ssa").num_vertices == 0
+
+
 def test_long_edges_are_dropped(person: tuple) -> None:
     depth, camera = person
     mesh = sample_depth(depth, camera, 300, max_edge=0.08)

@@ -42,14 +42,26 @@ std::vector<Pixel> valid_pixels(const PointGridView& grid) {
   return pixels;
 }
 
+/// Chooses `count` of the pixels, evenly spread over their order.
+std::vector<Pixel> spread(const std::vector<Pixel>& pixels, std::int64_t count) {
+  const auto size = static_cast<std::int64_t>(pixels.size());
+  std::vector<Pixel> kept;
+  for (std::int64_t i = 0; i < std::min(count, size); ++i) {
+    kept.push_back(pixels[i * size / std::min(count, size)]);
+  }
+  return kept;
+}
+
 // --- Uniform -----------------------------------------------------------------------------------
 
-/// Rows or columns of a lattice: the centres of intervals of length `spacing`.
+/// Rows or columns of a lattice: the centres of intervals of length `spacing`, or the middle of the
+/// image if it is too narrow for one.
 std::vector<std::int64_t> lattice_lines(std::int64_t size, double spacing) {
   std::vector<std::int64_t> lines;
   for (double at = 0.5 * spacing; at < static_cast<double>(size); at += spacing) {
     lines.push_back(static_cast<std::int64_t>(at));
   }
+  if (lines.empty()) lines.push_back(size / 2);
   return lines;
 }
 
@@ -62,6 +74,19 @@ std::vector<Pixel> on_lattice(const PointGridView& grid, double spacing) {
     }
   }
   return pixels;
+}
+
+/// The first lattice with a larger spacing that has 1 to `target_points` valid pixels. If there is
+/// none, because pixels of any wide lattice are not measured, the valid pixels, evenly spread.
+std::vector<Pixel> on_wider_lattice(const PointGridView& grid, double spacing,
+                                    std::int64_t target_points) {
+  constexpr double kWider = 1.01;
+  const auto largest = static_cast<double>(std::max(grid.rows, grid.cols));
+  for (; spacing < 2.0 * kWider * largest; spacing *= kWider) {
+    std::vector<Pixel> pixels = on_lattice(grid, spacing);
+    if (!pixels.empty() && std::ssize(pixels) <= target_points) return pixels;
+  }
+  return spread(valid_pixels(grid), target_points);
 }
 
 // --- Scale space -------------------------------------------------------------------------------
@@ -152,16 +177,6 @@ std::vector<Pixel> zero_crossings(const std::vector<Run>& runs, double ratio) {
   return pixels;
 }
 
-/// Chooses `count` of the pixels, evenly spread over their order.
-std::vector<Pixel> spread(const std::vector<Pixel>& pixels, std::int64_t count) {
-  const auto size = static_cast<std::int64_t>(pixels.size());
-  std::vector<Pixel> kept;
-  for (std::int64_t i = 0; i < std::min(count, size); ++i) {
-    kept.push_back(pixels[i * size / std::min(count, size)]);
-  }
-  return kept;
-}
-
 }  // namespace
 
 std::vector<Pixel> sample_uniform(const PointGridView& grid, std::int64_t target_points) {
@@ -184,7 +199,7 @@ std::vector<Pixel> sample_uniform(const PointGridView& grid, std::int64_t target
       spacing = tried;
     }
   }
-  return best;
+  return best.empty() ? on_wider_lattice(grid, spacing, target_points) : best;
 }
 
 PoissonDiskSample sample_poisson_disk(const PointGridView& grid, std::int64_t target_points,
@@ -198,6 +213,7 @@ PoissonDiskSample sample_poisson_disk(const PointGridView& grid, std::int64_t ta
   }
   Eigen::AlignedBox3f box;
   for (const auto& point : points.rowwise()) box.extend(point.transpose());
+  if (box.min() == box.max()) return {{pixels.front()}, 0.0};
   DartBoard board(view_of(points), seed, box.min().cast<double>(), {});
   std::vector<std::int32_t> best;
   double best_radius = 0.0;
