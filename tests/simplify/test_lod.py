@@ -10,7 +10,7 @@ import pytest
 
 from command_line import manip3d
 from gltf_files import PNG, json_of
-from manip3d import InputError, Material, Mesh, Texture, io, read_mesh, simplify
+from manip3d import InputError, Material, Mesh, Texture, _core, io, read_mesh, simplify
 from manip3d.simplify import lod_chain, polygon_budget, qem4vr, share_budget
 from zoo import grid, sphere
 
@@ -252,6 +252,12 @@ def test_faces_left_agree_with_replays() -> None:
     assert left[-1] == result.mesh.num_faces
     for count in left[:: len(left) // 7]:
         assert result.level_of_detail(int(count)).num_faces == count
+
+
+@pytest.mark.parametrize("record", [[(5, 6), (5, 9)], [(5, 6), (6, 5)], [(5, 5)], [(5, 99)]])
+def test_a_record_names_only_vertices_that_are_left(record: list[tuple[int, int]]) -> None:
+    with pytest.raises(InputError, match="collapses: expected two vertices that are left"):
+        _core.faces_left(Mesh(*grid(3, 3)), np.array(record, dtype=np.int32))
 
 
 def test_the_command_writes_levels(tmp_path: Path) -> None:

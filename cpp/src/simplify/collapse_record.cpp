@@ -24,11 +24,14 @@ std::vector<std::int64_t> faces_left(
   }
   std::vector<std::int64_t> left;
   left.reserve(collapses.size());
-  const auto is_vertex = [&](std::int32_t v) { return v >= 0 && v < mesh.num_vertices(); };
+  std::vector<bool> is_left(mesh.num_vertices(), true);
+  const auto is_vertex = [&](std::int32_t v) {
+    return v >= 0 && v < mesh.num_vertices() && is_left[v];
+  };
   for (const auto& [removed, kept] : collapses) {
     ticker.tick();
     if (!is_vertex(removed) || !is_vertex(kept) || removed == kept) {
-      throw InputError("collapses: expected two vertices of the mesh, got " +
+      throw InputError("collapses: expected two vertices that are left of the mesh, got " +
                        std::to_string(removed) + " -> " + std::to_string(kept));
     }
     std::vector<std::int32_t>& of_kept = faces_of[kept];
@@ -38,6 +41,7 @@ std::vector<std::int64_t> faces_left(
       is_degenerate(faces, f) ? void(--count) : of_kept.push_back(f);
     }
     faces_of[removed] = {};
+    is_left[removed] = false;
     left.push_back(count);
   }
   return left;
