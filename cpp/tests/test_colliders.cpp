@@ -188,6 +188,9 @@ TEST(Colliders, WhatIsNotFiniteTouchesNothing) {
                            {{-1, 0, 0}, {1, 0, 0}, 0.01F}));
   }
   EXPECT_FALSE(first_hit(arm, arm, {{-1, 0, 0}, {1, 0, 0}, nan}));
+  EXPECT_FALSE(first_hit(arm, arm, {{-1, 0, 0}, {1, 0, 0}, infinity}));
+  const auto endless = with_capsule({0, -0.3F, 0}, {0, 0.3F, 0}, infinity);
+  EXPECT_FALSE(first_hit(endless, endless, {{-1, 0, 0}, {1, 0, 0}, 0.01F}));
 }
 
 Skeleton standing() {

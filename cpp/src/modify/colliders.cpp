@@ -61,8 +61,9 @@ std::optional<double> advance(double speed, const Gap& gap) {
   if (!(speed <= kJump)) return std::nullopt;
   for (double t = 0.0;;) {
     const double distance = gap(t);
+    if (!std::isfinite(distance)) return std::nullopt;
     if (distance <= kTouch) return t;
-    if (!(distance < speed * (1.0 - t))) return std::nullopt;  // too far, or NaN
+    if (!(distance < speed * (1.0 - t))) return std::nullopt;  // too far
     t += distance / speed;
   }
 }
