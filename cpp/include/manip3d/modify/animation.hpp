@@ -73,8 +73,9 @@ enum class Skinning : std::uint8_t {
   kLbs
 };
 
-/// Moves vertices (count, 3) of labelled bones of the person in pose `source`. Vertices of bones
-/// that do not move are copied bit for bit. The result has the same bits on every CPU.
+/// Moves vertices (count, 3) of labelled bones of the person in pose `source`. Vertices
+/// that no moving bone influences are copied bit for bit (with kLbs, those near a joint with a
+/// moving bone are not). The result has the same bits on every CPU.
 void animate(const float* vertices, const std::uint8_t* labels, std::int64_t count,
              const Skeleton& source, const BoneMotions& motions, Skinning method, float* out);
 

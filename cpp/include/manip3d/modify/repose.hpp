@@ -66,8 +66,8 @@ Skeleton move_skeleton(const Skeleton& now, const BoneMotions& motions);
 /// vertex from the bone, and d_min that from the nearest bone; h falls from 1 to 0 over `band`. l
 /// is the distance along the skeleton between the nearest points on the bone and on the nearest
 /// bone; g falls from 1 at 0.15 m to 0 at 0.3 m, so that a hand at the hip does not pull the hip.
-/// Vertices of bones that do not move are copied bit for bit. The result is the same for any number
-/// of threads.
+/// Vertices on which no moving bone has a weight are copied bit for bit. The result is the same for
+/// any number of threads.
 /// @throws InputError  band not > 0.
 template <typename Scalar>
 void repose_vertices(const Scalar* vertices, std::int64_t count, const Skeleton& now,

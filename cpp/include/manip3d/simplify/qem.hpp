@@ -75,7 +75,9 @@ enum class CollapseStop : std::uint8_t {
   kErrorLimit,       ///< All remaining collapses are above max_error (or not legal).
   kDistanceLimit,    ///< No remaining collapse is known to keep max_distance (or is legal).
   kNoLegalCollapse,  ///< No remaining collapse keeps the mesh valid.
-  kRefused,          ///< The method does not support this mesh, which is returned unchanged.
+  /// The method does not support this mesh, which is returned without collapses (faces with a
+  /// repeated vertex and unused vertices are left out).
+  kRefused,
 };
 
 /// Reasons to reject a candidate collapse; each is a counter of QemResult::rejected.
@@ -143,8 +145,9 @@ QemResult simplify_qem(const MeshView& mesh, const QemOptions& options,
                        const Progress& progress = {});
 
 /// Return the mesh after the first collapses of a record, until it has `target_faces` or fewer.
-/// This equals the result of simplify_qem() for that target with the options of the record. O(V +
-/// F).
+/// Its mesh, maps, collapses and max_error equal those of simplify_qem() for that target;
+/// `rejected`, `distance_bound` and the reason for stopping short of the target are not part of the
+/// record. O(V + F).
 /// @throws InputError  the record does not belong to the mesh.
 QemResult replay_collapses(const MeshView& mesh, const QemOptions& options,
                            const std::vector<Collapse>& collapses, std::int64_t target_faces,
