@@ -5,6 +5,7 @@
 #include <limits>
 #include <vector>
 
+#include "manip3d/error.hpp"
 #include "manip3d/simplify/depth_smoother.hpp"
 
 namespace manip3d {
@@ -68,6 +69,50 @@ TEST(DepthSmoother, StartsAnewWithAnotherView) {
   EXPECT_TRUE(smoother.starts_anew());
   smoother.add(view(wall(1.0F, state)));
   EXPECT_FALSE(smoother.starts_anew());
+}
+
+TEST(DepthSmoother, StartsAnewWithoutSmoothing) {
+  DepthSmoother smoother({.newest_share = 1.0});
+  std::uint32_t state = 1;
+  for (const bool is_first : {true, false, false}) {
+    const std::vector<float> depths = wall(0.0F, state);
+    EXPECT_EQ(smoother.add(view(depths)), depths);
+    EXPECT_EQ(smoother.starts_anew(), is_first);
+  }
+  smoother.add(view(wall(1.0F, state)));
+  EXPECT_TRUE(smoother.starts_anew());
+}
+
+TEST(DepthSmoother, ABlankFirstFrameStartsAnew) {
+  DepthSmoother smoother;
+  smoother.add(view(std::vector<float>(kRows * kCols)));
+  EXPECT_TRUE(smoother.starts_anew());
+}
+
+TEST(DepthSmoother, WrongDepthsComeBackAndNanIsZero) {
+  constexpr float kInfinity = std::numeric_limits<float>::infinity();
+  const std::vector<float> depths{kInfinity, std::nanf(""), -1.0F, 2.0F};
+  DepthSmoother smoother;
+  EXPECT_EQ(smoother.add({.rows = 2, .cols = 2, .metres = depths.data()}),
+            (std::vector<float>{kInfinity, 0.0F, -1.0F, 2.0F}));
+}
+
+TEST(DepthSmoother, AMeshThatIsRefusedLeavesTheOneBefore) {
+  Rows<std::int32_t, 2> pixels(4, 2);
+  pixels << 0, 0, kCols - 1, 0, 0, kRows - 1, kCols - 1, kRows - 1;
+  Rows<std::int32_t, 3> faces(2, 3), wrong(2, 3);
+  faces << 0, 1, 2, 1, 3, 2;
+  wrong << 0, 1, 2, 1, 3, 9;
+  const std::vector<float> shown(4, 2.1F), other(4, 2.12F);
+  DepthSmoother smoother, undisturbed;
+  std::uint32_t state = 1;
+  for (int i = 0; i < 8; ++i) {
+    const std::vector<float> depths = wall(0.0F, state);
+    EXPECT_EQ(smoother.add(view(depths)), undisturbed.add(view(depths)));
+    smoother.show(pixels, shown, faces);
+    undisturbed.show(pixels, shown, faces);
+    EXPECT_THROW(smoother.show(pixels, other, wrong), InputError);
+  }
 }
 
 TEST(DepthSmoother, TakesAnyDepths) {

@@ -121,7 +121,8 @@ void DepthSmoother::reset() {
 
 const std::vector<float>& DepthSmoother::add(const DepthView& depth) {
   const std::size_t size = depth.rows * depth.cols;
-  if (mean_.size() != size || rows_ != depth.rows || cols_ != depth.cols) {
+  const bool is_first = mean_.size() != size || rows_ != depth.rows || cols_ != depth.cols;
+  if (is_first) {
     reset();
     rows_ = depth.rows;
     cols_ = depth.cols;
@@ -129,9 +130,11 @@ const std::vector<float>& DepthSmoother::add(const DepthView& depth) {
     count_.assign(size, 0);
   }
   take(depth);
-  starts_anew_ = false;
-  if (options_.newest_share < 1.0 && box_.u < box_.end_u) {
-    find_changes();
+  starts_anew_ = is_first;
+  if (box_.u < box_.end_u) find_changes();
+  if (options_.newest_share == 1.0) {
+    remember();
+  } else if (box_.u < box_.end_u) {
     find_motion();
     measure_noise();
     measure_noise_of_means();
@@ -203,6 +206,14 @@ void DepthSmoother::find_changes() {
   std::ranges::fill(count_, std::uint16_t{0});
   last_.clear();
   second_last_.clear();
+}
+
+void DepthSmoother::remember() {
+  for (std::size_t i = 0; i < out_.size(); ++i) {
+    if (!is_measured(out_[i])) continue;
+    mean_[i] = out_[i];
+    count_[i] = 1;
+  }
 }
 
 void DepthSmoother::find_motion() {
@@ -529,6 +540,11 @@ void DepthSmoother::show(const Eigen::Ref<const Rows<std::int32_t, 2>>& pixels,
                        std::to_string(pixels(i, 0)) + ", " + std::to_string(pixels(i, 1)) + ")");
     }
   }
+  for (const std::int32_t vertex : faces.reshaped()) {
+    if (vertex < 0 || vertex >= num_vertices) {
+      throw InputError("faces: index out of range: " + std::to_string(vertex));
+    }
+  }
   if (options_.newest_share == 1.0) return;
   shown_.assign(mean_.size(), 0.0F);
   for (Eigen::Index f = 0; f < faces.rows(); ++f) {
@@ -536,9 +552,6 @@ void DepthSmoother::show(const Eigen::Ref<const Rows<std::int32_t, 2>>& pixels,
     std::array<float, 3> inverse{};
     for (int i = 0; i < 3; ++i) {
       const std::int32_t vertex = faces(f, i);
-      if (vertex < 0 || vertex >= num_vertices) {
-        throw InputError("faces: index out of range: " + std::to_string(vertex));
-      }
       at[i] = {pixels(vertex, 0), pixels(vertex, 1)};
       inverse[i] = depths[vertex] > 0.0F ? 1.0F / depths[vertex] : 0.0F;
     }

@@ -35,11 +35,12 @@ class DepthSmoother {
  public:
   /// @throws InputError  newest_share not in (0, 1]; gate is not > 0.
   explicit DepthSmoother(const DepthSmootherOptions& options = {});
-  /// Return the smoothed frame: (rows, cols) metres, 0 where the newest frame has no measurement.
-  /// Valid until the next call. A frame of another size restarts everything. The mesh given to
-  /// `show` is used by the next call only.
+  /// Return the smoothed frame: (rows, cols) metres, 0 where the newest frame has 0 or NaN.
+  /// Negative and infinite depths are no measurements and come back as they are, so that whoever
+  /// uses the frame can refuse them. Valid until the next call. A frame of another size restarts
+  /// everything. The mesh given to `show` is used by the next call only.
   const std::vector<float>& add(const DepthView& depth);
-  /// Sets the mesh that was made from the last frame.
+  /// Sets the mesh that was made from the last frame; where it throws, the mesh before stays.
   /// @param pixels  (n, 2) column and row of each vertex.
   /// @param depths  Depth of each vertex, metres; a vertex whose depth is not > 0 is on no surface.
   /// @throws InputError  a pixel outside the last frame; numbers of pixels and depths differ; an
@@ -60,6 +61,8 @@ class DepthSmoother {
   /// Copies the newest depths to `out_` and sets the box around the measured ones.
   void take(const DepthView& depth);
   void find_changes();
+  /// Keeps the newest depths for the next frame as they are.
+  void remember();
   /// Computes the mean change of the pixels around each one.
   void find_motion();
   void measure_noise();
