@@ -277,6 +277,26 @@ def test_levels_are_the_means_of_the_formulas(sector: int) -> None:
     np.testing.assert_allclose(means[many], total[many] / number[many], rtol=1e-2, atol=1e-6)
 
 
+@pytest.mark.parametrize("max_range", [1.3149999999999997, 60.02499999999999, 2000.0449999999998])
+def test_a_range_just_below_the_largest_is_in_the_last_level(max_range: float) -> None:
+    last = np.nextafter(np.float32(max_range), np.float32(0))
+    point = np.array([[last, 0, 0]], np.float32)
+    grid = (np.zeros(3), 0, 0.05, 0.01, max_range)
+    counts = _core.density_levels(point, np.array([0.1]), *grid, True, 1)[2]
+    assert np.flatnonzero(counts).tolist() == [len(counts) - 1]
+    marks = np.arange(len(counts)) == len(counts) - 1
+    assert _core.points_of_levels(point, marks.astype(np.uint8), *grid, 1).tolist() == [0]
+
+
+@pytest.mark.parametrize("distance", [np.nan, -5.0])
+def test_distances_that_are_none_are_refused(distance: float) -> None:
+    points = np.array([[5, 0, 0], [6, 0, 0]], np.float32)
+    with pytest.raises(InputError, match=r"distances: expected at least 0, got .* in row 1"):
+        _core.density_levels(
+            points, np.array([0.1, distance]), np.zeros(3), 0, 0.05, 0.01, 50.0, True, 1
+        )
+
+
 def test_a_dense_object_is_found_and_a_resampled_one_is_not() -> None:
     assert density_consistency(CAVE).verdict == "no_trace"
     finer = DensityParameters(sector=10, level_width=0.1, fall=0.6)

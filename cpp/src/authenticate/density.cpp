@@ -55,9 +55,7 @@ class LevelFinder {
     const auto visit_direction = [&](std::int64_t i, const Direction& direction) {
       const float range = direction.range;
       if (!(range > 0.0F && range < static_cast<float>(options_.max_range))) return;
-      const std::int64_t level =
-          table_[static_cast<std::size_t>(range * static_cast<float>(1.0 / kLookup))];
-      visit_point(i, sector_of(direction) * levels() + level, direction.rho / range);
+      visit_point(i, sector_of(direction) * levels() + level_of(range), direction.rho / range);
     };
     for_each_direction(view.points.data(), 3, begin, end, options_.origin, visit_direction);
   }
@@ -79,6 +77,12 @@ class LevelFinder {
     }
   }
 
+  // A range just below the largest can round up to the table's size, which double counted.
+  [[nodiscard]] std::int64_t level_of(float range) const {
+    const auto step = static_cast<std::size_t>(range * static_cast<float>(1.0 / kLookup));
+    return table_[std::min(step, table_.size() - 1)];
+  }
+
   [[nodiscard]] std::int64_t sector_of(const Direction& direction) const {
     const auto cell = [](double angle, std::int64_t count, double whole) {
       const auto i = static_cast<std::int64_t>(angle / whole * static_cast<double>(count));
@@ -94,6 +98,16 @@ class LevelFinder {
   std::int64_t columns_ = 1, rows_ = 1;
 };
 
+// The sums are whole numbers, which neither NaN nor a negative distance fits. A point without
+// neighbours has an infinite distance.
+void check_distances(std::span<const double> distances) {
+  for (std::size_t i = 0; i < distances.size(); ++i) {
+    if (distances[i] >= 0.0) continue;
+    throw InputError("distances: expected at least 0, got " + number_text(distances[i]) +
+                     " in row " + std::to_string(i));
+  }
+}
+
 }  // namespace
 
 DensityLevels density_levels(const PointsView& view, std::span<const double> distances,
@@ -103,6 +117,7 @@ DensityLevels density_levels(const PointsView& view, std::span<const double> dis
     throw InputError("distances: expected " + std::to_string(view.num_points()) + ", got " +
                      std::to_string(distances.size()));
   }
+  check_distances(distances);
   const LevelFinder finder(options);
   DensityLevels result;
   result.sectors = finder.sectors();
