@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 import manip3d
-from manip3d import Box, InputError, LidarFrame, Mesh, forge
+from manip3d import Box, InputError, LidarFrame, Mesh, _core, forge
 
 Points = NDArray[np.float32]
 
@@ -334,6 +334,17 @@ def test_snapped_points_lie_on_the_lattice(along: str) -> None:
     np.testing.assert_allclose(steps, np.round(steps), atol=1e-3)
     np.testing.assert_array_equal(snapped.points[: len(room())], room())
     np.testing.assert_array_equal(snapped.label, forged.label)
+
+
+def test_rows_without_a_return_are_not_snapped() -> None:
+    scan = np.array([[8, 1, 0.3], [0, 0, 0]], np.float32)
+    rings = [(-0.1, 1.7), (-0.2, 1.7)]
+    rows = np.array([0, 1], np.int32)
+    points = _core.snap_to_lattice(
+        scan, np.ones(2, np.float32), rows, rings, 0.003, 0.0, True, True, 1.0, 1
+    )[0]
+    assert (points[0] != scan[0]).any()
+    np.testing.assert_array_equal(points[1], [0, 0, 0])
 
 
 @pytest.mark.parametrize("kind", ["float64", "Fortran", "strided", "big-endian"])

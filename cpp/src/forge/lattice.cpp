@@ -75,6 +75,11 @@ Forgery snap_to_lattice(const PointsView& scene, std::vector<std::int32_t> rows,
   if (!(options.max_move >= 0.0)) throw InputError("max_move: expected >= 0");
   Edit edit;
   edit.moved = checked_rows(std::move(rows), scene.num_points());
+  // A pulse without a return has no direction to snap, and would become a point at the scanner.
+  std::erase_if(edit.moved, [&](std::int32_t row) {
+    const auto p = scene.points.row(row);
+    return is_no_return(p.x(), p.y(), p.z());
+  });
   edit.moved_to.resize(static_cast<Eigen::Index>(edit.moved.size()), 3);
   Ticker ticker(progress);
   for (std::size_t i = 0; i < edit.moved.size(); ++i) {
