@@ -84,6 +84,8 @@ def off(first: str, second: str, keyword: str = "OFF") -> str:
         ("255 0 0", "0 0 255", [RED, BLUE]),
         ("255 0 0 255", "0.0 0 1.0 .5", [RED, BLUE]),
         ("", "0.0 0 1.0", [None, BLUE]),
+        ("1 0 0", "0.0 0 1.0", [RED, BLUE]),
+        ("1 0 0 1.0", "0 0 1 0.5", [RED, BLUE]),
     ],
 )
 def test_colors_of_off_faces(

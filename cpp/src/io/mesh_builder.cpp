@@ -89,6 +89,10 @@ void MeshBuilder::color_faces(std::int64_t begin, std::int64_t end, std::int32_t
   face_colors_.fill(end, rgb, input_);
 }
 
+void MeshBuilder::recolor_faces(std::int64_t begin, std::int64_t end, std::int32_t rgb) {
+  for (std::int64_t face = begin; face < end; ++face) *face_colors_.row(face) = rgb;
+}
+
 void MeshBuilder::add_triangle(const Corner& a, const Corner& b, const Corner& c) {
   const std::int64_t face = faces_.size();
   const auto put = [](std::int32_t* row, std::int32_t i, std::int32_t j, std::int32_t k) {

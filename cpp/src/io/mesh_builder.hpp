@@ -123,6 +123,9 @@ class MeshBuilder {
   /// Gives faces that come after all coloured ones a colour.
   void color_faces(std::int64_t begin, std::int64_t end, std::int32_t rgb);
 
+  /// Changes the colour of faces that color_faces coloured before.
+  void recolor_faces(std::int64_t begin, std::int64_t end, std::int32_t rgb);
+
   [[nodiscard]] std::int64_t num_polygons() const { return num_polygons_; }
   [[nodiscard]] std::int64_t num_faces() const { return faces_.size(); }
 

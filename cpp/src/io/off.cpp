@@ -34,6 +34,7 @@ class OffReader {
     read_header();
     for (std::int64_t i = 0; i < header_.num_vertices; ++i) read_vertex();
     for (std::int64_t i = 0; i < header_.num_polygons; ++i) read_polygon();
+    color_faces_of_ones();
     builder_.finish(result_);
     return std::move(result_);
   }
@@ -164,13 +165,14 @@ class OffReader {
       corners_.push_back({index, header_.has_texcoords ? index : MeshBuilder::kNone,
                           header_.has_normals ? index : MeshBuilder::kNone});
     }
+    const std::int64_t first = builder_.num_faces();
     builder_.add_polygon(corners_, MeshBuilder::kNone, {cursor.line(), std::nullopt});
-    if (!cursor.at_end()) read_face_color(cursor);
+    if (!cursor.at_end()) read_face_color(cursor, first);
   }
 
   // Reads a colour of three or four numbers, integers 0 to 255 or numbers 0 to 1. A single number
   // is an index into a colour map that is not in the file.
-  void read_face_color(LineCursor& cursor) {
+  void read_face_color(LineCursor& cursor, std::int64_t first) {
     const int count = words_left(cursor);
     if (count != 3 && count != 4) {
       if (result_.num_skipped++ == 0) {
@@ -178,17 +180,31 @@ class OffReader {
       }
       return;
     }
-    std::array<double, 3> color;
+    std::array<double, 4> color{};  // with alpha, which is not kept
     bool whole = true;
-    for (double& channel : color) {
+    for (int k = 0; k < count; ++k) {
       cursor.at_end();  // skips blanks
       const char* start = cursor.position();
-      channel = cursor.number("color");
+      color[k] = cursor.number("color");
       whole = whole && std::all_of(start, cursor.position(),
                                    [](unsigned char c) { return std::isdigit(c) != 0; });
     }
+    const double largest = std::max({color[0], color[1], color[2]});
+    if (whole && largest == 1.0) {
+      faces_of_ones_.push_back({first, builder_.num_faces(), packed_color(color.data())});
+    }
+    has_fractions_ = has_fractions_ || (!whole && largest <= 1.0);
+    has_bytes_ = has_bytes_ || largest > 1.0;
     for (double& channel : color) channel /= whole ? 255.0 : 1.0;
     builder_.color_last_polygon(packed_color(color.data()));
+  }
+
+  // Some programs write 1.0 as "1", which the colours of the other faces show.
+  void color_faces_of_ones() {
+    if (!has_fractions_ || has_bytes_) return;
+    for (const FaceOfOnes& face : faces_of_ones_) {
+      builder_.recolor_faces(face.begin, face.end, face.rgb);
+    }
   }
 
   // Number of words up to the end of the line or a comment; the cursor does not move.
@@ -209,6 +225,13 @@ class OffReader {
   OffHeader header_;
   ReadResult result_;
   std::vector<MeshBuilder::Corner> corners_;
+  // Faces whose colour is of zeros and ones, and that colour if the ones are the brightest.
+  struct FaceOfOnes {
+    std::int64_t begin, end;
+    std::int32_t rgb;
+  };
+  std::vector<FaceOfOnes> faces_of_ones_;
+  bool has_fractions_ = false, has_bytes_ = false;
 };
 
 }  // namespace
