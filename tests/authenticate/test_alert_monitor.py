@@ -421,6 +421,32 @@ def test_a_quick_failure_does_not_tell_what_a_verdict_costs(
     assert monitor.counts.late == 0
 
 
+def test_a_comparison_that_fails_slowly_makes_one_verdict_late_in_a_period(
+    clock: Clock, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    compare, is_broken = _alert.cross_modal_consistency, True
+
+    def fail_slowly(*given: Any, **options: Any) -> Any:
+        if is_broken:
+            clock.now += 0.3
+            raise MemoryError("no memory for the map")
+        return compare(*given, **options)
+
+    monkeypatch.setattr(_alert, "cross_modal_consistency", fail_slowly)
+    monitor = AlertMonitor(rig=RIG, budget_s=0.1, every_s=1.0, clock=clock)
+
+    def verdict(time_s: float) -> str:
+        shown: dict[str, Any] = {"left": PICTURE, "right": PICTURE}
+        alert = monitor.judge(FRAME, speed_mps=1.0, time_s=time_s, **shown)
+        return alert.witnesses["cross-modal"].verdict
+
+    found = [verdict(0.1 * number) for number in range(20)]
+    assert found == 2 * ["undecidable", *9 * ["skipped"]]
+    assert monitor.counts.late == 2
+    is_broken = False
+    assert [verdict(2.0 + 0.1 * number) for number in range(3)] == 3 * ["no_trace"]
+
+
 def test_one_quick_verdict_is_forgotten_after_ten_others(
     clock: Clock, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -166,6 +166,7 @@ class AlertMonitor:
         self._timed = (0, 0.0)  # number and time of the last frame with a time
         self._last: dict[str, float] = {}  # time of the stream at which a witness spoke
         self._durations: dict[str, deque[float]] = {}  # of recent calls that succeeded, seconds
+        self._failures: dict[str, float] = {}  # of a last call that failed, seconds
         self._verdicts: dict[str, int] = {}
         self._skipped: dict[str, int] = {}
         self._late = 0
@@ -614,7 +615,9 @@ class AlertMonitor:
         )
 
     def _has_time(self, witness: str, started_s: float) -> bool:
-        cost = min(self._durations.get(witness, ()), default=0.0)
+        cost = max(
+            min(self._durations.get(witness, ()), default=0.0), self._failures.get(witness, 0.0)
+        )
         return self._clock() - started_s + cost <= self._budget
 
     def _heard(
@@ -623,15 +626,18 @@ class AlertMonitor:
         seconds = self._clock() - asked_s
         self._last[witness] = stream_s
         self._durations.setdefault(witness, deque(maxlen=_RECENT)).append(seconds)
+        self._failures.pop(witness, None)
         return WitnessReport(verdict, reason, seconds)
 
     def _failed(
         self, witness: str, error: Exception, asked_s: float, stream_s: float
     ) -> WitnessReport:
-        """Report a failure; its duration does not tell how long a verdict takes."""
+        """Report a failure; the next may take as long, but a quick one says nothing of verdicts."""
+        seconds = self._clock() - asked_s
         _log_traceback(error)
         self._last[witness] = stream_s
-        return WitnessReport("undecidable", _failure(error), self._clock() - asked_s)
+        self._failures[witness] = seconds
+        return WitnessReport("undecidable", _failure(error), seconds)
 
 
 def _with_unread(told: WitnessReport, why: str) -> WitnessReport:
