@@ -225,8 +225,30 @@ def test_a_drive_that_is_replaced_holds_no_scan_of_the_earlier_one(tmp_path: Pat
     scan().write(tmp_path / "a.bin")  # a scan without a time
     done = manip3d("convert", str(tmp_path / "a.bin"), "-o", str(drive), "--force")
     assert f"wrote 1 scan to {drive}{os.sep}" in done.stderr
+    assert "removed 2 scans of an earlier run" in done.stderr
     assert sorted(p.name for p in drive.iterdir()) == ["velodyne"]
     assert sorted(p.name for p in (drive / "velodyne").iterdir()) == ["000000.bin", "notes.txt"]
+
+
+@pytest.mark.parametrize("name", ["0000000007.bin", "one.bin"])
+def test_scans_that_no_run_wrote_are_neither_removed_nor_mixed(tmp_path: Path, name: str) -> None:
+    folder = tmp_path / "drive" / "velodyne"
+    folder.mkdir(parents=True)
+    scan().write(folder / name)
+    (folder.parent / "times.txt").write_text("0.0\n")
+    scan().write(tmp_path / "a.bin")
+    said = run("convert", tmp_path / "a.bin", "-o", folder.parent, "--force", code=1)
+    assert "expected no scans in velodyne with names other than 000000.bin" in said
+    assert [p.name for p in folder.iterdir()] == [name]
+    assert (folder.parent / "times.txt").is_file()
+
+
+def test_scans_beside_a_drive_are_converted_into_it(tmp_path: Path) -> None:
+    folder = tmp_path / "drive" / "velodyne"
+    folder.mkdir(parents=True)
+    scan().write(folder / "a.pcd")
+    run("convert", folder / "a.pcd", "-o", folder.parent, "--force")
+    assert sorted(p.name for p in folder.iterdir()) == ["000000.bin", "a.pcd"]
 
 
 @pytest.mark.parametrize("source", ["drive", "kitti:drive", "drive/velodyne/000100.bin"])
@@ -238,7 +260,7 @@ def test_a_drive_is_not_converted_within_its_own_folder(
     (tmp_path / "drive" / "velodyne").mkdir(parents=True)
     scan().write(tmp_path / "drive" / "velodyne" / "000100.bin")
     said = run("convert", source, "-o", "drive", "--force", code=1)
-    assert "expected another folder than that of the scans" in said
+    assert "expected another folder, because the scans would be replaced" in said
     assert (tmp_path / "drive" / "velodyne" / "000100.bin").is_file()
 
 

@@ -206,8 +206,8 @@ def convert(source: str, output: Path, terminal: Terminal, calibration: Path | N
     Raises
     ------
     InputError
-        There are several scans, and the format of ``output`` holds only one; or ``output`` is the
-        folder of the scans.
+        There are several scans, and the format of ``output`` holds only one; the scans lie
+        where they would be replaced; or other scans lie there.
     """
     from manip3d import io
     from manip3d.io._scan_files import names_left_out
@@ -216,6 +216,7 @@ def convert(source: str, output: Path, terminal: Terminal, calibration: Path | N
     suffix = scan_suffix(output)
     if not suffix:
         _expect_other_folder(source, output)
+        _expect_own_scans(output)
         _write_folder(scans, output, terminal)
         return
     found = [_measured(scan, suffix, terminal) for scan in scans]
@@ -236,9 +237,32 @@ def convert(source: str, output: Path, terminal: Terminal, calibration: Path | N
 
 def _expect_other_folder(source: str, output: Path) -> None:
     """Raise InputError if the scans are read from the folder in which they would be replaced."""
-    place, folder = Path(source.removeprefix("kitti:")).resolve(), output.resolve()
-    if place == folder or place.is_relative_to(folder / _SCANS):
-        raise InputError(f"-o {output}: expected another folder than that of the scans")
+    place, folder = Path(source.removeprefix("kitti:")).resolve(), (output / _SCANS).resolve()
+    is_drive = place == output.resolve() and folder.is_dir()
+    is_scan = place.parent == folder and place.suffix == ".bin"
+    if is_drive or is_scan or place == folder:
+        raise InputError(
+            f"-o {output}: expected another folder, because the scans would be replaced"
+        )
+
+
+def _expect_own_scans(output: Path) -> None:
+    """Raise InputError if scans lie in the folder that no run wrote: they would join the drive."""
+    others = sorted(path.name for path in (output / _SCANS).glob("*.bin") if not _is_own(path))
+    if others:
+        more = f" and {len(others) - 1} more" if len(others) > 1 else ""
+        raise InputError(
+            f"-o {output}: expected no scans in {_SCANS} with names other than 000000.bin and so "
+            f"on, which would be read as a part of the drive, found {others[0]}{more}"
+        )
+
+
+def _is_own(path: Path) -> bool:
+    """Return whether a scan is named as `_write_folder` names it.
+
+    More digits are those of KITTI's raw data or a time; 10 million scans are a drive of days.
+    """
+    return re.fullmatch("[0-9]{6}|[1-9][0-9]{6}", path.stem) is not None
 
 
 def _measured(scan: LidarFrame, suffix: str, terminal: Terminal) -> LidarFrame:
@@ -328,7 +352,7 @@ def _write_folder(scans: Iterator[LidarFrame], output: Path, terminal: Terminal)
     except FormatError as error:  # the recording is damaged: the scans before that stay
         damage = error
     if count_written:
-        _remove_later(folder, count_written)
+        _remove_later(folder, count_written, terminal)
         if len(times) == count_written:
             atomic_write(output / _TIMES, "".join(times))
         else:
@@ -340,8 +364,10 @@ def _write_folder(scans: Iterator[LidarFrame], output: Path, terminal: Terminal)
         raise damage
 
 
-def _remove_later(folder: Path, count_written: int) -> None:
+def _remove_later(folder: Path, count_written: int, terminal: Terminal) -> None:
     """Remove the scans of an earlier run with more scans, which would seem to be of this one."""
-    for old in sorted(folder.iterdir()):
-        if re.fullmatch(r"[0-9]{6,}\.bin", old.name) and int(old.stem) >= count_written:
-            old.unlink()
+    old = [p for p in folder.glob("*.bin") if _is_own(p) and int(p.stem) >= count_written]
+    for path in old:
+        path.unlink()
+    if old:
+        terminal.say(f"removed {counted(len(old), 'scan')} of an earlier run")
