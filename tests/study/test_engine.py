@@ -769,6 +769,19 @@ def test_definitions_are_read_strictly(old: str, new: str, message: str, definit
         read_study(definition)
 
 
+def test_stored_answers_of_a_group_named_all_stay_readable(definition: Path) -> None:
+    _, content = read_study(definition)
+    stored = content | {"groups": ["All", "healthy"]}
+    assert study_of(stored).common.groups == ("All", "healthy")
+
+
+def test_only_display_studies_call_all_participants_a_group(tmp_path: Path) -> None:
+    file = write_template("jnd-textured", tmp_path / "study.toml", example=True)
+    text = re.sub(r"^groups = .*\n", "", file.read_text(), flags=re.MULTILINE)
+    file.write_text('groups = ["All", "healthy"]\n' + text)
+    assert read_study(file)[0].common.groups == ("All", "healthy")
+
+
 @pytest.mark.parametrize(
     "name",
     [

@@ -184,16 +184,13 @@ class Common:
     @classmethod
     def read(cls, top: Section, kinds: Sequence[str]) -> Common:
         """Read these fields from the top of a definition."""
-        groups = top.texts("groups", (), least=0, most=20)
-        if ALL in map(str.lower, groups):
-            top.fail("groups", f"no group named {ALL}, which results call all participants")
         return cls(
             kind=top.word("kind", kinds),
             title=top.text("title", most=200),
             seed=top.whole("seed", 0, 2**31 - 1, 0),
             consent=top.texts("consent"),
             introduction=top.texts("introduction", (), least=0),
-            groups=groups,
+            groups=top.texts("groups", (), least=0, most=20),
             demographics=_fields(top.sections("demographics", least=0, most=30)),
         )
 

@@ -12,7 +12,7 @@ from manip3d._util.checked import checked
 from manip3d._util.paths import path_of
 from manip3d.errors import FormatError, InputError
 from manip3d.io._files import atomic_write, sha256_of
-from manip3d.study._definition import Section, read_table
+from manip3d.study._definition import ALL, Section, read_table
 from manip3d.study._display import DisplayStudy
 from manip3d.study._engine import Study
 from manip3d.study._jnd import JndStudy
@@ -66,6 +66,7 @@ def read_study(path: str | os.PathLike[str]) -> tuple[Study, dict[str, Any]]:
     definition = read_table(file)
     study = _study(definition, file.parent, str(file))
     _check_names(study, str(file))
+    _check_groups(study, str(file))
     if isinstance(study, RatingStudy):  # the stimuli are needed to evaluate the answers
         items = [{k: v for k, v in vars(item).items() if v != ""} for item in study.items]
         definition["rating"] = definition["rating"] | {"items": items}
@@ -113,6 +114,19 @@ def _study(definition: Mapping[str, Any], base: Path | None, file: str) -> Study
 
 _RESERVED = ("record_id", "state", "group", "card_px", "distance_cm", "agree")
 """Names that questions must not have: common columns of the results, and the consent question."""
+
+
+def _check_groups(study: Study, file: str) -> None:
+    """Refuse a group that has the name of all groups together in the results of a display study.
+
+    Stored definitions are not checked, because their answers must stay readable.
+    """
+    if isinstance(study, DisplayStudy) and ALL in map(str.lower, study.common.groups):
+        raise FormatError(
+            f"groups: expected no group named {ALL}, which results call all participants, "
+            f"got {list(study.common.groups)}",
+            file=file,
+        )
 
 
 def _check_names(study: Study, file: str) -> None:
