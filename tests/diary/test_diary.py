@@ -226,6 +226,10 @@ def test_refusals(diary: Diary) -> None:
         (lambda: diary.add_game(session, game(name="no/game")), "game: expected 1 to 64 .*'no/ga"),
         (lambda: diary.add_game(session, game(name="")), "game: expected 1 to 64 characters"),
         (lambda: diary.add_game(session, game(seconds=nan)), "seconds: expected a finite number"),
+        (lambda: diary.add_game(session, game(seconds=10**400)), "seconds: expected a finite numb"),
+        (lambda: diary.add_game(session, game(seconds=True)), "seconds: expected a finite number"),
+        (lambda: diary.add_game(session, game(anomalies=[(1, 2, 3)])), "anomalies: expected pairs"),
+        (lambda: diary.add_game(session, game(anomalies=[4.0])), "anomalies: expected pairs of"),
         (lambda: diary.add_game(session, game(tracked=inf)), "tracked: expected a finite number"),
         (lambda: diary.add_game(session, game(score=3.5)), "score: expected a whole number"),
         (

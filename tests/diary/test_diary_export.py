@@ -314,6 +314,18 @@ def photo(shade: int) -> bytes:
     return content.getvalue()
 
 
+def test_films_of_any_game_have_names_for_every_system(diary: Diary, tmp_path: Path) -> None:
+    diary.set_consent("P01", clips=True)
+    session = diary.sessions("P01")[0].number
+    name = 'Jeu: "niveau" 2?'
+    played = DiaryGame(START, name, 1, 5, "time", 60.0, 0.0, 3, 1, 1, ((6.0, 19.0),))
+    diary.add_game(session, played, [[(1.0, photo(60)), (1.1, photo(70))]])
+    assert diary.clips("P01")[0].game == name
+    (path,) = export_clips(diary, tmp_path / "films", "P01")
+    assert path.name == f"P01-{START:%Y-%m-%d-%H%M}-Jeu_ _niveau_ 2_-001.webp"
+    assert export_clips(diary, tmp_path / "films", "P01", overwrite=True) == [path]
+
+
 def test_films_of_difficulties(diary: Diary, tmp_path: Path) -> None:
     diary.set_consent("P01", clips=True)
     session = diary.sessions("P01")[0].number

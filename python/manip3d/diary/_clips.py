@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 Pictures = Sequence[tuple[float, bytes]]
 """Time of play in seconds, and JPEG image, of each picture."""
 
+_NOT_IN_NAMES = re.compile(r'[/\\:*?"<>|\x00-\x1f\x7f]')
+"""Characters that file names on some system cannot have; names of games can."""
 _MARK = b"M3CL\x01\0\0\0"
 _PICTURE = struct.Struct("<dI")
 MAX_BYTES = 64_000_000
@@ -200,7 +202,8 @@ def export_clips(
     names = []
     with atomic_folder(target) as folder:
         for number, clip in enumerate(clips, 1):
-            name = f"{identifier}-{clip.at:%Y-%m-%d-%H%M}-{clip.game}-{number:03d}.webp"
+            game = _NOT_IN_NAMES.sub("_", clip.game)
+            name = f"{identifier}-{clip.at:%Y-%m-%d-%H%M}-{game}-{number:03d}.webp"
             (folder / name).write_bytes(film(clip))
             names.append(target / name)
     diary.note_files(identifier, names)

@@ -14,6 +14,7 @@ from typing import Any, Literal, get_args
 
 import numpy as np
 
+from manip3d._util.arrays import one_line
 from manip3d._util.checked import checked
 from manip3d._util.paths import legible_path_of
 from manip3d.diary import _schema as schema
@@ -40,8 +41,8 @@ from manip3d.errors import InputError
 from manip3d.io._files import sha256_of
 from manip3d.modify import Limb
 
-_GAME = re.compile(r'[^/\\:*?"<>|\n]{1,64}')
-"""Names that can be a part of a file's name on every system."""
+_GAME = re.compile(r"[^/\\\n]{1,64}")
+"""Names of games: one line that cannot be taken for a path."""
 _ENDINGS = ("time", "misses", "done", "stopped", "interrupted")
 
 
@@ -273,8 +274,8 @@ class Diary(DiaryReading):
         Raises
         ------
         InputError
-            An unknown session, limb, ending or ``replaces``; a name of a game that cannot be a part
-            of file names; a number that is not finite, or not whole though it must be; clips of a
+            An unknown session, limb, ending or ``replaces``; a name of a game with a slash or a
+            backslash; anomalies that are no pairs; a number that is not finite, or not whole though it must be; clips of a
             participant who did not consent; or numbers of clips and of anomalies differ.
         """
         if clips and len(clips) != len(game.anomalies):
@@ -725,8 +726,7 @@ def _fields_of(game: DiaryGame) -> dict[str, Any]:
         raise InputError(f"ending: expected {', '.join(_ENDINGS)}, got {game.ending!r}")
     if not _GAME.fullmatch(game.game):  # any game may be stored, also one of another program
         raise InputError(
-            'game: expected 1 to 64 characters without / \\ : * ? " < > |, because files of films '
-            f"are named by it, got {game.game!r}"
+            f"game: expected 1 to 64 characters without / and \\, got {one_line(game.game)}"
         )
     fields = asdict(game) | {"at": aware(game.at).isoformat()}
     del fields["number"]
@@ -737,10 +737,17 @@ def _fields_of(game: DiaryGame) -> dict[str, Any]:
     for name in ("latency_ms", "tracked"):
         if fields[name] is not None:
             fields[name] = _finite(fields[name], name)
-    fields["anomalies"] = [
-        tuple(_finite(time, "anomalies") for time in ends) for ends in game.anomalies
-    ]
+    fields["anomalies"] = [_ends_of(anomaly) for anomaly in game.anomalies]
     return fields
+
+
+def _ends_of(anomaly: object) -> tuple[float, float]:
+    """Return the start and the end of an anomaly."""
+    if not isinstance(anomaly, Sequence | np.ndarray) or np.shape(anomaly) != (2,):
+        raise InputError(
+            f"anomalies: expected pairs of a start and an end, got {one_line(anomaly)}"
+        )
+    return _finite(anomaly[0], "anomalies"), _finite(anomaly[1], "anomalies")
 
 
 def _whole(value: object, name: str) -> int:
@@ -752,9 +759,14 @@ def _whole(value: object, name: str) -> int:
 
 def _finite(value: object, name: str) -> float:
     """Return a finite number, also one of NumPy, as Python's."""
-    if not isinstance(value, int | float | np.integer | np.floating) or not math.isfinite(value):
+    is_number = isinstance(value, int | float | np.integer | np.floating)
+    try:
+        number = float(value) if is_number and not isinstance(value, bool) else math.nan  # type: ignore[arg-type]
+    except OverflowError as error:
+        raise InputError(f"{name}: expected a finite number, got a larger one") from error
+    if not math.isfinite(number):
         raise InputError(f"{name}: expected a finite number, got {value!r}")
-    return value if isinstance(value, int) else float(value)
+    return value if isinstance(value, int) else number
 
 
 def _check_limb(limb: str) -> None:
