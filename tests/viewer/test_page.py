@@ -416,3 +416,9 @@ def test_both_renderers_draw_the_same_outline(
     both = (covered["pyvista"] & covered["chromium"]).sum()
     either = (covered["pyvista"] | covered["chromium"]).sum()
     assert both > 0.97 * either > 3000
+
+
+def test_points_whose_extent_exceeds_float32_give_a_page() -> None:
+    far = np.array([[3e38, 0, 0], [-3e38, 3e38, 1]], np.float32)
+    (model,) = content(html(manip3d.LidarFrame(far)))["models"]
+    assert 0.0 < model["points"]["least"] < 1.0

@@ -347,6 +347,15 @@ def test_an_option_without_an_effect_is_refused(
         open_thing(tmp_path / name, **option)
 
 
+def test_a_folder_of_scans_is_not_called_a_mesh_file(tmp_path: Path) -> None:
+    (tmp_path / "scans").mkdir()
+    street().write(tmp_path / "scans" / "a.bin")
+    with pytest.raises(
+        InputError, match=r"^calibration: expected none for a folder .*, got db.xml"
+    ):
+        open_thing(tmp_path / "scans", calibration=Path("db.xml"))
+
+
 def test_the_first_whole_turn_of_packets_is_opened() -> None:
     def turn(points: int, whole: bool) -> LidarFrame:
         return LidarFrame(

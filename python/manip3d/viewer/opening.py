@@ -110,8 +110,9 @@ def kind_of(source: str | os.PathLike[str]) -> Kind:
 
 def options_of(source: str, kind: Kind) -> frozenset[str]:
     """Return the names of the options of `open_thing` that apply to a source of this kind."""
-    packets = kind == "scan" and capture.scan_address(source) is not None
-    return _OPTIONS[kind] | ({"calibration"} if packets else frozenset())
+    # The reader of the address refuses a calibration unless it reads packets of an HDL-64E.
+    has_address = kind == "scan" and capture.scan_address(source) is not None
+    return _OPTIONS[kind] | ({"calibration"} if has_address else frozenset())
 
 
 def _is_cloud(path: Path) -> bool:
@@ -202,9 +203,12 @@ def open_thing(
 def _refuse_useless(source: str, kind: Kind, given: Mapping[str, object]) -> None:
     """Refuse options that do not apply to this kind of source; None: not given."""
     known = options_of(source, kind)
+    is_folder = kind == "mesh" and Path(source).is_dir()  # no mesh, but no reader knows it either
+    what = "folder without a drive or a recording" if is_folder else _WORDS[kind]
     for name, value in given.items():
         if value is not None and name not in known:
-            raise InputError(f"{name}: expected none for a {_WORDS[kind]}, got {value!r}")
+            got = os.fspath(value) if isinstance(value, os.PathLike) else repr(value)
+            raise InputError(f"{name}: expected none for a {what}, got {got}")
 
 
 def _scan(

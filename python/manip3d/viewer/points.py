@@ -597,7 +597,8 @@ def _numbers(values: ArrayLike, name: str) -> NDArray[Any]:
 def least_width(points: NDArray[Any]) -> float:
     if not len(points):
         return 0.0
-    low, high = np.percentile(points, [1.0, 99.0], axis=0)
+    # In float64, because float32 cannot hold differences of its largest numbers.
+    low, high = np.percentile(points.astype(np.float64), [1.0, 99.0], axis=0)
     return MIN_SHARE * float(np.linalg.norm(high - low, axis=-1))
 
 
