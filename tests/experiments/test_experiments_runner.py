@@ -100,6 +100,11 @@ def test_bytes_of_no_mesh_are_refused(data: bytes) -> None:
         unpack_mesh(data, like=TRIANGLE)
 
 
+def test_a_single_array_is_refused_by_its_name() -> None:
+    with pytest.raises(InputError, match="bytes of pack_mesh, got those of a single array"):
+        unpack_mesh(npy_of(np.eye(3)), like=TRIANGLE)
+
+
 def test_an_archive_gives_the_arrays_of_a_mesh_only() -> None:
     data = npz_of(vertices=TRIANGLE.vertices, faces=TRIANGLE.faces, source=np.array("other"))
     found = unpack_mesh(data, like=TRIANGLE)

@@ -20,6 +20,7 @@ from pathlib import Path
 from zipfile import BadZipFile
 
 import numpy as np
+from numpy.lib.npyio import NpzFile
 
 from manip3d._util.checked import checked
 from manip3d._util.json import sealed, unsealed
@@ -102,13 +103,16 @@ def unpack_mesh(data: bytes, like: Mesh) -> Mesh:
     (3, 3)
     """
     try:
-        with np.load(io.BytesIO(data), allow_pickle=False) as archive:
+        archive = np.load(io.BytesIO(data), allow_pickle=False)
+        if not isinstance(archive, NpzFile):
+            raise InputError("data: expected the bytes of pack_mesh, got those of a single array")
+        with archive:
             arrays = {name: archive[name] for name in _ARRAYS if name in archive}
     except (
         ValueError,
         KeyError,
         EOFError,
-        TypeError,  # a single array, which is no archive
+        TypeError,
         OverflowError,
         MemoryError,
         OSError,
