@@ -275,8 +275,9 @@ class Diary(DiaryReading):
         ------
         InputError
             An unknown session, limb, ending or ``replaces``; a name of a game with a slash or a
-            backslash; anomalies that are no pairs; a number that is not finite, or not whole though it must be; clips of a
-            participant who did not consent; or numbers of clips and of anomalies differ.
+            backslash; anomalies that are no pairs; a number that is not finite, or not whole though
+            it must be; clips of a participant who did not consent; or numbers of clips and of
+            anomalies differ.
         """
         if clips and len(clips) != len(game.anomalies):
             raise InputError(f"clips: expected {len(game.anomalies)}, got {len(clips)}")

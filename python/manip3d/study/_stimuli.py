@@ -295,7 +295,7 @@ def copy_rating_stimuli(
     output : path-like
         Folder to create, with ``stimuli.csv``.
     seed : int
-        Seed of the random file names.
+        Seed of the random file names, 0 or more.
     overwrite : bool
         Replace the folder if it contains only such stimuli.
 
