@@ -7,8 +7,11 @@ per laser and a column per azimuth step, ``velodyne_config.txt`` and ``timestamp
 from __future__ import annotations
 
 import os
+import re
+import warnings
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, overload
 
@@ -142,8 +145,7 @@ class RangeImageFolder(Sequence[LidarFrame]):
     Raises
     ------
     FormatError
-        The file of angles is damaged. Reading a turn raises it if its image or time is damaged, or
-        if ``timestamps.txt`` ends before the line of its time.
+        The file of angles is damaged. Reading a turn raises it if its image or time is damaged.
     OSError
         The folder or the file of angles is missing.
     """
@@ -154,6 +156,7 @@ class RangeImageFolder(Sequence[LidarFrame]):
         self.images = tuple(in_order((path / "data").glob("*.png")))
         times = path / "timestamps.txt"
         self._time_lines = text_of(times).splitlines() if times.is_file() else None
+        self._lines_of_images = _lines_of(self.images, len(self._time_lines or ()))
 
     def __len__(self) -> int:
         return len(self.images)
@@ -179,7 +182,7 @@ class RangeImageFolder(Sequence[LidarFrame]):
         row, column = np.nonzero(ranges)
         return LidarFrame(
             points=layout.points(ranges)[row, column].astype(np.float32),
-            time_ns=self._time(path),
+            time_ns=self._time(index),
             ring=row.astype(np.uint16),
             origin=(0.0, 0.0, 0.0),  # the layout states directions only, as if from one point
             source=str(path),
@@ -190,21 +193,17 @@ class RangeImageFolder(Sequence[LidarFrame]):
             format=ScanFormat("range-image", header={"shape": expected}),
         )
 
-    def _time(self, image: Path) -> int | None:
-        """Return the time of an image; line n of the file of times, from 0, is that of image n.
-
-        The number in the image's name counts, and not its place in the folder, because a missing
-        image would otherwise shift all later times.
-        """
-        if self._time_lines is None or not image.stem.isdecimal():
+    def _time(self, index: int) -> int | None:
+        """Return the time of an image; None if it is not known, with a warning if it should be."""
+        if self._time_lines is None:
             return None
-        number = int(image.stem)
-        file = str(self.path / "timestamps.txt")
+        number = self._lines_of_images[index] if self._lines_of_images else len(self._time_lines)
+        path = self.path / "timestamps.txt"
+        file = str(path)
         if number >= len(self._time_lines):
-            found = counted(len(self._time_lines), "line")
-            raise FormatError(
-                f"expected a time of {image.name} in line {number + 1}, got {found}", file=file
-            )
+            name, found = self.images[index].name, counted(len(self._time_lines), "line")
+            warnings.warn(f"{path}: no line is surely that of {name}, got {found}", stacklevel=4)
+            return None
         line = self._time_lines[number]
         if not line.strip():
             return None
@@ -216,6 +215,22 @@ class RangeImageFolder(Sequence[LidarFrame]):
 
     def __repr__(self) -> str:
         return f"<manip3d.datasets.RangeImageFolder: {self.path}, {counted(len(self), 'turn')}>"
+
+
+def _lines_of(images: Sequence[Path], num_lines: int) -> Sequence[int]:
+    """Return the line of times of each image, from 0; none if neither place nor number tells it."""
+    places = range(len(images))
+    if num_lines == len(images):
+        return places
+    found = [re.findall("[0-9]+", image.stem) for image in images]
+    numbers = [int(each[-1]) if each else -1 for each in found]
+    if not numbers or min(numbers) < 0 or any(a >= b for a, b in pairwise(numbers)):
+        return ()
+    # A missing image would shift the times of all later ones if their places counted.
+    if numbers[-1] < num_lines:
+        return numbers
+    is_whole = numbers[-1] - numbers[0] == len(images) - 1
+    return places if is_whole else ()
 
 
 @checked
@@ -233,14 +248,15 @@ def open_range_images(path: str | os.PathLike[str]) -> RangeImageFolder:
         A sequence of `manip3d.LidarFrame`, in the order of the numbers in the images' names. Each
         has a point per pixel that is not 0; ``ring`` is the row (0: the highest laser), ``fields``
         are ``column`` and ``range`` (metres). All lasers are at the origin, because the format
-        states no offsets. ``time_ns`` is the time in line n of ``timestamps.txt`` for image n, both
-        counted from 0; None where there is no such file, or the line is empty.
+        states no offsets. ``time_ns`` is the time in ``timestamps.txt``. If that has a line per
+        image, they are in the same order; if not, image n has line n, both counted from 0, as long
+        as there are lines of all numbers. It is None where there is no such file, or the line is
+        empty, and also, with a warning, where a line is missing.
 
     Raises
     ------
     FormatError
-        The file of angles is damaged. Reading a turn raises it if its image or time is damaged, or
-        if ``timestamps.txt`` ends before the line of its time.
+        The file of angles is damaged. Reading a turn raises it if its image or time is damaged.
     OSError
         The folder or the file of angles is missing.
 
