@@ -177,3 +177,11 @@ def test_frames_are_those_of_a_recording(tmp_path: Path) -> None:
     base = ("depth", tmp_path / "wall.npy", "-o", tmp_path / "wall.ply", "--points", 100)
     done = manip3d(*base, "--intrinsics", "60,60,31.5,23.5", "--frames", 2)
     assert "--frames: can only be given with an RGB-D recording or --poses" in error_line(done)
+
+
+def test_frames_without_number_before_numbered_ones(
+    frames: list[RgbdFrame], tmp_path: Path
+) -> None:
+    mixed = [replace(frame, number=number) for frame, number in zip(frames, (0, 0, 1), strict=True)]
+    with pytest.raises(InputError, match="got two of 0"):
+        simplify.simplify_recording(mixed, tmp_path / "mixed", OPTIONS)

@@ -158,8 +158,13 @@ def _with_numbers(frames: Iterable[RgbdFrame]) -> Iterator[tuple[int, RgbdFrame]
     """Yield each frame after its number, or after its place as long as all have the number 0."""
     taken: set[int] = set()
     are_numbered = False
+    num_zeros = 0  # frames of number 0 that have their place as number
     for place, frame in enumerate(frames):
         are_numbered = are_numbered or frame.number != 0
+        if not are_numbered:
+            num_zeros += 1
+        elif num_zeros > 1:
+            raise InputError("frames: expected one frame of each number, got two of 0")
         number = frame.number if are_numbered else place
         if number in taken:
             raise InputError(f"frames: expected one frame of each number, got two of {number}")
