@@ -724,3 +724,18 @@ def test_a_repeated_verification_sees_what_was_destroyed_since(tmp_path: Path) -
     (out / "s1.bin.wm").unlink()
     code, told = run(*verify)
     assert (code, "earlier run" in told) == (4, False)
+
+
+@pytest.mark.parametrize("are_reversed", [False, True])
+def test_parts_of_one_number_have_an_order(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, are_reversed: bool
+) -> None:
+    """Two runs at once can give two parts one number; folders list files in any order."""
+    stores = [Rows(str(tmp_path), {}) for _ in range(2)]
+    for run, (store, name) in enumerate(zip(stores, ("aaaaaaaa", "bbbbbbbb"), strict=True)):
+        monkeypatch.setattr("secrets.token_hex", lambda _, name=name: name)
+        store.save("key", {"run": run})
+        store.flush()
+    names = sorted((path.name for path in tmp_path.iterdir()), reverse=are_reversed)
+    monkeypatch.setattr("manip3d.batch._rows.Place.names", lambda _: names)
+    assert Rows(str(tmp_path), {}).load("key") == {"run": 1}

@@ -64,7 +64,7 @@ class Rows:
         self._flushed_s = time.monotonic()
         self._rows: dict[str, dict[str, Any]] = {}
         names = self._place.names()
-        parts = sorted((name for name in names if name.endswith(".jsonl")), key=_number_of)
+        parts = sorted((name for name in names if name.endswith(".jsonl")), key=_order_of)
         self._next = 1 + max(map(_number_of, parts), default=0)
         if not overwrite and self._has_begun(asked, names) and resume:
             self._load_parts(parts)
@@ -160,6 +160,11 @@ def _as_read(value: dict[str, Any]) -> dict[str, Any]:
     """Return a value as it is read from JSON: with lists for tuples, and strings for keys."""
     read: dict[str, Any] = json.loads(json.dumps(value))
     return read
+
+
+def _order_of(part: str) -> tuple[int, str]:
+    """Return the key of a part's order; names tell apart parts that two runs gave one number."""
+    return _number_of(part), part
 
 
 def _number_of(part: str) -> int:
