@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import tracemalloc
 from typing import Any
 
 import numpy as np
@@ -243,3 +244,16 @@ def test_top_level_names() -> None:
 def test_what_is_no_box_is_refused(center: Any, size: Any, yaw: float, message: str) -> None:
     with pytest.raises(InputError, match=message):
         Box(center, size, yaw)
+
+
+def test_a_few_rows_of_a_large_cloud_need_little_memory() -> None:
+    frame = LidarFrame(np.zeros((1_000_000, 3), np.float32))
+    tracemalloc.start()
+    try:
+        chosen = frame.select([5, -1])
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert chosen.file_rows is not None
+    assert chosen.file_rows.tolist() == [5, 999_999]
+    assert peak < 1_000_000  # numbers of all rows would be 8 MB

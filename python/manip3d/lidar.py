@@ -316,8 +316,22 @@ class LidarFrame(Showable):
                 f"rows: expected values in [{-count}, {count - 1}], "
                 f"got {index.min()} to {index.max()}"
             )
-        own = _own_rows(self, index)
-        return self._taken(lambda values: values[index], None if own is None else own[index])
+        return self._taken(lambda values: values[index], self._file_rows_of(index))
+
+    def _file_rows_of(self, index: NDArray[Any]) -> NDArray[np.int64] | None:
+        """Return the rows of the file of a mask or row numbers; None if they change no row.
+
+        A few rows of a large cloud do not need the numbers of all its rows.
+        """
+        if self.file_rows is not None:
+            return self.file_rows[index].astype(np.int64, copy=False)
+        if _is_identity(index, self.num_points):
+            return None
+        if index.dtype == np.bool_:
+            return np.flatnonzero(index)
+        rows = index.astype(np.int64)
+        rows[rows < 0] += self.num_points
+        return rows
 
     def with_points(
         self,
