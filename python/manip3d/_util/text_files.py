@@ -1,6 +1,7 @@
 """Safe reading of untrusted text, XML and YAML: regular files of bounded size, with any bytes.
 
-XML may have no entities and no external DTD, and has a bounded depth; YAML may have no aliases.
+XML may have no entities, an external DTD only if it is ``standalone="yes"``, and has a bounded
+depth; YAML may have no aliases.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ def parse_xml(path: Path) -> Element:
     ------
     FormatError
         The file is not well-formed, is larger than 16 MiB, has more than 64 levels, declares
-        entities, or has an external DTD.
+        entities, or has an external DTD without being ``standalone="yes"``.
     """
     return parse_xml_bytes(limited_bytes(path, MAX_BYTES), str(path))
 
@@ -64,7 +65,8 @@ def parse_xml_bytes(
     ------
     FormatError
         The document is not well-formed, is nested deeper than ``max_depth``, declares entities, or
-        has an external DTD, which could define them, without being ``standalone``.
+        has an external DTD, which could define them, without being
+        ``standalone="yes"``.
     """
     from xml.etree.ElementTree import TreeBuilder
     from xml.parsers import expat
