@@ -92,6 +92,8 @@ def test_times_are_in_the_order_of_as_many_images(tmp_path: Path, names: list[st
     first, second = (turn.time_ns for turn in open_range_images(path))
     assert first is not None
     assert second == first + 1_000_000_000
+    (path / "timestamps.txt").write_text("\n".join([*lines, "", " "]))  # blank lines at the end
+    assert [turn.time_ns for turn in open_range_images(path)] == [first, second]
     (path / "timestamps.txt").write_text(lines[0])
     turns = open_range_images(path)
     assert turns[0].time_ns == first

@@ -57,9 +57,10 @@ _STILL = (0.0, 0.0, 0.0)
 _READ = ("watermark", "cross-modal")  # witnesses that need more files than the scan
 _JUDGED = {"authentic", "no_trace", "tampered"}  # verdicts that tell something of the frame
 _RECENT = 10
-"""The cost of a witness is the shortest of so many last verdicts, which is a second of frames. One
+"""The cost of a witness is the shortest of so many last calls, which is a second of frames. One
 alone would not do, because the first also loads what it needs; all would not do, because a computer
-that becomes slower would never be noticed."""
+that becomes slower would never be noticed. A call that failed counts as no shorter than the others,
+because a failure may come before the work."""
 _OF_ACCUSED = "forensics of accused frames"  # key of the time at which such a frame was judged
 
 _log = logging.getLogger("manip3d")
@@ -165,8 +166,7 @@ class AlertMonitor:
         self._number = 0
         self._timed = (0, 0.0)  # number and time of the last frame with a time
         self._last: dict[str, float] = {}  # time of the stream at which a witness spoke
-        self._durations: dict[str, deque[float]] = {}  # of recent calls that succeeded, seconds
-        self._failures: dict[str, float] = {}  # of a last call that failed, seconds
+        self._durations: dict[str, deque[float]] = {}  # of recent calls, seconds
         self._verdicts: dict[str, int] = {}
         self._skipped: dict[str, int] = {}
         self._late = 0
@@ -614,29 +614,32 @@ class AlertMonitor:
             last is None or stream_s < last or stream_s - last >= self._every * (1.0 - 1e-9)
         )
 
+    def _cost(self, witness: str) -> float:
+        """Return the shortest of a witness's recent calls, seconds."""
+        return min(self._durations.get(witness, ()), default=0.0)
+
     def _has_time(self, witness: str, started_s: float) -> bool:
-        cost = max(
-            min(self._durations.get(witness, ()), default=0.0), self._failures.get(witness, 0.0)
-        )
-        return self._clock() - started_s + cost <= self._budget
+        return self._clock() - started_s + self._cost(witness) <= self._budget
+
+    def _note_duration(self, witness: str, seconds: float) -> None:
+        self._durations.setdefault(witness, deque(maxlen=_RECENT)).append(seconds)
 
     def _heard(
         self, witness: str, verdict: str, reason: str, asked_s: float, stream_s: float
     ) -> WitnessReport:
         seconds = self._clock() - asked_s
         self._last[witness] = stream_s
-        self._durations.setdefault(witness, deque(maxlen=_RECENT)).append(seconds)
-        self._failures.pop(witness, None)
+        self._note_duration(witness, seconds)
         return WitnessReport(verdict, reason, seconds)
 
     def _failed(
         self, witness: str, error: Exception, asked_s: float, stream_s: float
     ) -> WitnessReport:
-        """Report a failure; the next may take as long, but a quick one says nothing of verdicts."""
+        """Report a failure."""
         seconds = self._clock() - asked_s
         _log_traceback(error)
         self._last[witness] = stream_s
-        self._failures[witness] = seconds
+        self._note_duration(witness, max(seconds, self._cost(witness)))
         return WitnessReport("undecidable", _failure(error), seconds)
 
 

@@ -155,8 +155,11 @@ class RangeImageFolder(Sequence[LidarFrame]):
         self.layout = read_layout(path / "velodyne_config.txt")
         self.images = tuple(in_order((path / "data").glob("*.png")))
         times = path / "timestamps.txt"
-        self._time_lines = text_of(times).splitlines() if times.is_file() else None
-        self._lines_of_images = _lines_of(self.images, len(self._time_lines or ()))
+        lines = text_of(times).splitlines() if times.is_file() else None
+        while lines and len(lines) > len(self.images) and not lines[-1].strip():
+            lines.pop()  # else a blank line at the end would count as that of an image
+        self._time_lines = lines
+        self._lines_of_images = _lines_of(self.images, len(lines or ()))
 
     def __len__(self) -> int:
         return len(self.images)
