@@ -324,7 +324,7 @@ class LidarFrame(Showable):
         A few rows of a large cloud do not need the numbers of all its rows.
         """
         if self.file_rows is not None:
-            return self.file_rows[index].astype(np.int64, copy=False)
+            return np.asarray(self.file_rows[index], np.int64)
         if _is_identity(index, self.num_points):
             return None
         if index.dtype == np.bool_:
