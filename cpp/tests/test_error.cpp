@@ -42,10 +42,11 @@ TEST(TurnOptions, RefusalsNameWhatIsExpected) {
   EXPECT_EQ(refusal_of(options), "farthest: expected a number > nearest, got 3");
   options = {};
   options.tolerance = 0.0;
-  EXPECT_EQ(refusal_of(options), "tolerance: expected a number > 0, got 0");
+  EXPECT_EQ(refusal_of(options), "tolerance: expected a number > 0 that is finite, got 0");
   options = {};
   options.tolerance_share = -0.1;
-  EXPECT_EQ(refusal_of(options), "tolerance_share: expected a number >= 0, got -0.1");
+  EXPECT_EQ(refusal_of(options),
+            "tolerance_share: expected a number >= 0 that is finite, got -0.1");
 }
 
 }  // namespace
