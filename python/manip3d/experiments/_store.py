@@ -14,14 +14,13 @@ from __future__ import annotations
 import hashlib
 import io
 import json
-import zlib
 from dataclasses import dataclass
 from pathlib import Path
-from zipfile import BadZipFile
 
 import numpy as np
 from numpy.lib.npyio import NpzFile
 
+from manip3d._util.archives import NPZ_ERRORS
 from manip3d._util.checked import checked
 from manip3d._util.json import sealed, unsealed
 from manip3d.errors import InputError
@@ -105,22 +104,10 @@ def unpack_mesh(data: bytes, like: Mesh) -> Mesh:
     try:
         archive = np.load(io.BytesIO(data), allow_pickle=False)
         if not isinstance(archive, NpzFile):
-            raise InputError("data: expected the bytes of pack_mesh, got those of a single array")
+            raise TypeError("a single array")
         with archive:
             arrays = {name: archive[name] for name in _ARRAYS if name in archive}
-    except (
-        ValueError,
-        KeyError,
-        EOFError,
-        TypeError,
-        OverflowError,
-        MemoryError,
-        OSError,
-        NotImplementedError,  # unknown version or compression of zip
-        RuntimeError,  # encrypted archive
-        BadZipFile,
-        zlib.error,
-    ) as error:
+    except NPZ_ERRORS as error:
         raise InputError(f"data: expected the bytes of pack_mesh, got others: {error}") from error
     if missing := {"vertices", "faces"} - set(arrays):
         raise InputError(f"data: expected arrays of a mesh, found no {', '.join(sorted(missing))}")

@@ -5,13 +5,13 @@ from __future__ import annotations
 import io
 import math
 import os
-import zlib
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
-from zipfile import BadZipFile, ZipFile
+from zipfile import ZipFile
 
 import numpy as np
 
+from manip3d._util.archives import NPZ_ERRORS
 from manip3d._util.arrays import rows
 from manip3d._util.checked import checked
 from manip3d._util.paths import path_of
@@ -167,19 +167,7 @@ def read_stream_truth(path: str | os.PathLike[str], *, max_bytes: int | None = N
         masks = flat.view(np.bool_).reshape(frames, height, width)
         if numbers.dtype != np.int64:
             raise ValueError("numbers do not agree with the masks")
-    except (
-        ValueError,
-        KeyError,
-        EOFError,
-        TypeError,
-        OverflowError,
-        MemoryError,
-        OSError,  # from the archive, as the file was read already
-        NotImplementedError,  # unknown version or compression of zip
-        RuntimeError,  # encrypted archive
-        BadZipFile,
-        zlib.error,
-    ) as error:
+    except NPZ_ERRORS as error:
         raise FormatError(
             f"expected the truth of a forged stream: {error}", file=str(path)
         ) from None
