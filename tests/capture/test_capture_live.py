@@ -131,9 +131,9 @@ def test_other_senders_are_ignored() -> None:
 
 
 def test_two_live_sensors_are_not_mixed() -> None:
-    """The first that sends data is read; a stray packet before it does not count."""
+    """The first that sends data is read; stray packets before it determine nothing."""
     with capture.open("velodyne:0") as source:
-        send(source.port, b"noise", sender="127.0.0.3")
+        send(source.port, b"noise", bytes(1204) + b"\x37\x28", sender="127.0.0.3")
         for i in range(6):
             send(source.port, vlp16(480 * i), sender="127.0.0.1")
             send(source.port, vlp16(18000 + 480 * i), sender="127.0.0.2")
@@ -150,6 +150,8 @@ def test_addresses() -> None:
     first = capture.open("velodyne:0")
     with first, pytest.raises(DeviceError, match=r"UDP port 127\.0\.0\.1"):
         capture.open(f"velodyne:{first.port}")
+    with pytest.raises(DeviceError, match=r"UDP port 192\.0\.2\.1:2368"):  # an example's address
+        capture.open("velodyne:192.0.2.1:2368")
     with pytest.raises(InputError, match="address: expected an IPv4 address, got 'example'"):
         capture.open("velodyne:example:2368")
     with pytest.raises(InputError, match="sender: expected an IPv4 address"):

@@ -208,6 +208,96 @@ def test_pauses_and_wrong_times_are_no_lost_packets(tmp_path: Path) -> None:
     assert (counters["bad_time"], counters["lost_packets"]) == (1, 0)
 
 
+def moved(packets: Sequence[bytes], seconds: float) -> list[bytes]:
+    """Return the packets with other times, which begin again each hour."""
+    times = [int.from_bytes(p[1200:1204], "little") + round(1e6 * seconds) for p in packets]
+    return [
+        with_bytes(p, 1200, (t % 3_600_000_000).to_bytes(4, "little"))
+        for p, t in zip(packets, times, strict=True)
+    ]
+
+
+def largest_time(frames: Sequence[LidarFrame]) -> float:
+    return max(float(np.abs(frame.fields["time"]).max()) for frame in frames)
+
+
+@pytest.mark.parametrize("seconds", [30.0, 1500.0, 2500.0, -1200.0])
+def test_a_pause_or_a_set_clock_ends_the_turn(tmp_path: Path, seconds: float) -> None:
+    packets = seen_turns(0, 360)
+    per_turn = len(packets) // 6
+    middle = 2 * per_turn + per_turn // 2
+    stepped = [*packets[:middle], *moved(packets[middle:], seconds)]
+    frames, counters = decode(tmp_path, moved(stepped, 1300.0))
+    assert complete(frames) == [False, True, False, False, True, True, False]
+    assert largest_time(frames) < 0.11
+    assert frames[2].num_points + frames[3].num_points == frames[1].num_points
+    assert counters["points"] == len(packets) * 384
+    assert counters["lost_packets"] == counters["backward_azimuth"] == 0
+
+
+def test_an_hour_that_begins_is_no_step_of_the_clock(tmp_path: Path) -> None:
+    packets = seen_turns(0, 360)
+    whole, _ = decode(tmp_path, packets)
+    frames, counters = decode(tmp_path, moved(packets, -0.15))
+    assert complete(frames) == complete(whole)
+    assert largest_time(frames) < 0.11
+    assert counters["lost_packets"] == 0
+
+
+def test_a_late_packet_of_the_last_hour_has_a_time_before_the_frame(tmp_path: Path) -> None:
+    """Two packets around the hour are swapped, and a frame begins with the one after it."""
+    packets = seen_turns(0, 360)
+    first = len(packets) // 6 * 2
+    start = int.from_bytes(packets[first][1200:1204], "little")
+    packets = moved(packets, -1e-6 * start)
+    azimuth = int.from_bytes(packets[first][2:4], "little") / 100
+    packets[first - 1 : first + 1] = packets[first], packets[first - 1]
+    frames, _ = decode(tmp_path, packets, cut_azimuth=azimuth)
+    assert min(float(f.fields["time"].min()) for f in frames) == pytest.approx(-0.00133, abs=1e-4)
+    assert largest_time(frames) < 0.11
+
+
+@pytest.mark.parametrize("bad", [range(1), range(200, 201), range(200, 204)])
+def test_an_impossible_time_is_replaced_by_the_one_that_was_due(tmp_path: Path, bad: range) -> None:
+    packets = seen_turns(0, 360)
+    whole, _ = decode(tmp_path, packets)
+    for number in bad:
+        packets[number] = with_bytes(packets[number], 1200, b"\xff\xff\xff\xff")
+    frames, counters = decode(tmp_path, packets)
+    assert (counters["bad_time"], counters["lost_packets"]) == (len(bad), 0)
+    assert largest_time(frames) < 0.11
+    if bad.start:
+        assert complete(frames) == complete(whole)
+        for frame, expected in zip(frames, whole, strict=True):
+            np.testing.assert_allclose(
+                frame.fields["time"], expected.fields["time"], rtol=0, atol=1e-5
+            )
+
+
+def test_a_clock_that_is_set_back_a_little_finds_no_lost_packets(tmp_path: Path) -> None:
+    packets = seen_turns(0, 360, turns=16)
+    lost = [*packets[:1100], *packets[1104:1150], *moved(packets[1150:], -0.02)]
+    assert decode(tmp_path, lost)[1]["lost_packets"] == 4
+
+
+@pytest.mark.parametrize("has_clock", [True, False])
+def test_an_hdl64e_without_a_clock_gives_whole_turns(tmp_path: Path, has_clock: bool) -> None:
+    """Its old firmware sends its status where later ones send the time."""
+    azimuths = np.arange(0, 4 * 36000, 18) % 36000
+    packets = hdl64e_packets(np.full((len(azimuths), 64), 1000), azimuths[: len(azimuths) // 6 * 6])
+    rng = np.random.default_rng(0)
+    times = 288 * np.arange(len(packets)) + 30_000_000 * (np.arange(len(packets)) >= 500)
+    if not has_clock:
+        times = rng.integers(0, 3_600_000_000, len(packets))
+    timed = [
+        with_bytes(p, 1200, int(t).to_bytes(4, "little"))
+        for p, t in zip(packets, times, strict=True)
+    ]
+    frames, _ = decode(tmp_path, timed, calibration=hdl64e_calibration(two_points=False))
+    paused = [False, False, False, True, False]
+    assert complete(frames) == (paused if has_clock else [False, True, True, False])
+
+
 def test_packets_that_were_captured_twice_give_their_points_once(tmp_path: Path) -> None:
     packets = seen_turns(0, 360, turns=3)
     once, counters = decode(tmp_path, packets)
@@ -222,6 +312,47 @@ def test_a_stray_packet_is_no_vls128(tmp_path: Path) -> None:
     """Another device's payload of the same length may end in the byte of that product."""
     frames, _ = decode(tmp_path, [bytes(1205) + b"\xa1", GOOD])
     assert len(frames) == 1
+
+
+@pytest.mark.parametrize(
+    ("end", "refused"), [(b"\x37\x28", "bad_block_flag"), (b"\x37\x99", "unknown_product")]
+)
+def test_a_stray_packet_does_not_determine_the_model(
+    tmp_path: Path, end: bytes, refused: str
+) -> None:
+    packets = seen_turns(0, 360, turns=2)
+    expected, _ = decode(tmp_path, packets)
+    frames, counters = decode(tmp_path, [bytes(1204) + end, *packets])
+    assert [f.num_points for f in frames] == [f.num_points for f in expected]
+    assert (counters["packets"], counters["other_product"]) == (len(packets), 0)
+    assert counters[refused] == (12 if refused == "bad_block_flag" else 1)
+
+
+def test_a_damaged_flag_does_not_determine_the_model(tmp_path: Path) -> None:
+    first = with_bytes(FIRST, 200, b"\xff\xdd")
+    (frame,), counters = decode(tmp_path, [first, GOOD])
+    assert frame.num_points == 23 * 32
+    assert counters["bad_block_flag"] == 1
+    columns = np.arange(12)
+    sent = hdl64e_packets(np.full((12, 64), 1000), 18 * columns)
+    status = with_bytes(with_bytes(sent[0], 100, b"\0\0"), 1205, b"\x22")
+    (frame,), counters = decode(
+        tmp_path, [status, sent[1]], calibration=hdl64e_calibration(two_points=False)
+    )
+    assert frame.num_points == 23 * 32
+    assert frame.format is not None
+    assert frame.format.header["model"] == "hdl64e"
+
+
+def test_packets_of_another_product_are_not_decoded_as_an_hdl64e(tmp_path: Path) -> None:
+    options = {"calibration": hdl64e_calibration(two_points=False)}
+    frames, counters = decode(tmp_path, [FIRST, GOOD], model="hdl64e", **options)
+    assert frames == []
+    assert counters["other_product"] == 2
+    sent = hdl64e_packets(np.full((12, 64), 1000), 18 * np.arange(12))
+    (frame,), counters = decode(tmp_path, [sent[0], GOOD, sent[1]], **options)
+    assert frame.num_points == 24 * 32
+    assert counters["other_product"] == 1
 
 
 def test_a_vls128_is_named(tmp_path: Path) -> None:

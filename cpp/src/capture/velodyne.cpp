@@ -32,7 +32,14 @@ constexpr std::uint32_t kLargestTurn = 200;
 // A delayed packet is few packets late: two packets of a VLP-16 span 20 degrees at 20 turns per
 // second.
 constexpr std::uint32_t kLargestReturn = 2000;
-constexpr double kLongestDelay = 1.0;  // seconds; larger steps back are made by setting the clock
+// Seconds; larger steps of the time are pauses, or are made by setting the clock.
+constexpr double kLongestDelay = 1.0;
+// Half of the blocks of an HDL-64E are lower ones, and none of other products. A packet with a
+// number in between is damaged, and belongs to the nearer of both.
+constexpr std::ptrdiff_t kFewestLower = kBlocks / 4;
+// Packets of an HDL-64E without a step of the time after which its time counts as one: old
+// firmware sends its status in these bytes.
+constexpr std::int64_t kSteadyPackets = 100;
 // Half a turn takes 25 ms or more: within less time, the scanner cannot have left a narrow field of
 // view and come back to it.
 constexpr double kShortestHalfTurn = 0.02;
@@ -154,6 +161,12 @@ std::uint32_t read32(std::span<const std::byte> bytes, std::size_t at) {
   return read16(bytes, at) | read16(bytes, at + 2) << 16;
 }
 
+std::ptrdiff_t count_flags(std::span<const std::byte> payload, std::uint32_t flag) {
+  std::ptrdiff_t count = 0;
+  for (std::size_t b = 0; b < kBlocks; ++b) count += read16(payload, b * kBlockBytes) == flag;
+  return count;
+}
+
 // Points for which memory is reserved: twice a turn of an HDL-64E with two returns.
 constexpr std::size_t kMaxReserved = 500'000;
 
@@ -187,12 +200,8 @@ bool finite(const LaserCalibration& c) {
 }  // namespace
 
 bool is_velodyne_data(std::span<const std::byte> payload) {
-  if (payload.size() != kVelodynePacketBytes) return false;
-  for (std::size_t b = 0; b < kBlocks; ++b) {
-    const std::uint32_t flag = read16(payload, b * kBlockBytes);
-    if (flag == kUpperFlag || flag == kLowerFlag) return true;
-  }
-  return false;
+  return payload.size() == kVelodynePacketBytes &&
+         count_flags(payload, kUpperFlag) + count_flags(payload, kLowerFlag) > 0;
 }
 
 const char* velodyne_model_name(VelodyneModel model) { return product(model).name; }
@@ -283,6 +292,7 @@ void VelodyneDecoder::reset() {
   last_payload_.clear();
   is_open_ = false;
   last_span_ = turn_ = 0.0;
+  steady_packets_ = 0;
   measured_.fill(-kRemembered);
   covered_ = field_ = 0;
   frame_ = {};
@@ -333,18 +343,12 @@ void VelodyneDecoder::set_model(VelodyneModel model) {
   model_ = model;
 }
 
-bool VelodyneDecoder::identify(std::span<const std::byte> payload) {
-  // The last two bytes of an HDL-64E packet cycle through its status and name no product.
-  bool has_lower = false, has_third = false, has_fourth = false;
-  for (std::size_t b = 0; b < kBlocks; ++b) {
-    const std::uint32_t flag = read16(payload, b * kBlockBytes);
-    has_lower = has_lower || flag == kLowerFlag;
-    has_third = has_third || flag == kThirdFlag;
-    has_fourth = has_fourth || flag == kFourthFlag;
-  }
+// Finds the model that sent a packet; empty: it cannot be decoded, and is counted.
+std::optional<VelodyneModel> VelodyneDecoder::identify(std::span<const std::byte> payload) {
+  const std::ptrdiff_t num_lower = count_flags(payload, kLowerFlag);
   const auto byte = std::to_integer<std::uint8_t>(payload[kVelodynePacketBytes - 1]);
-  if ((has_third && has_fourth) ||
-      (!has_lower && !model_ && byte == kVls128Byte && is_velodyne_data(payload))) {
+  if ((count_flags(payload, kThirdFlag) > 0 && count_flags(payload, kFourthFlag) > 0) ||
+      (num_lower == 0 && !model_ && byte == kVls128Byte && is_velodyne_data(payload))) {
     if (counters_.packets == 0) {
       throw FormatError(
           "packets of a Velodyne VLS-128 (Alpha Prime), which is not read; HDL-64E, HDL-32E, "
@@ -352,24 +356,30 @@ bool VelodyneDecoder::identify(std::span<const std::byte> payload) {
           {});
     }
     ++counters_.other_product;
-    return false;
+    return std::nullopt;
   }
+  // The last two bytes of an HDL-64E packet cycle through its status and name no product.
+  const bool is_hdl64e =
+      num_lower >= kFewestLower || (num_lower > 0 && model_ == VelodyneModel::kHdl64e);
   const auto* known = std::find_if(std::begin(kProducts), std::end(kProducts), [&](const auto& p) {
-    return has_lower ? p.model == VelodyneModel::kHdl64e : p.byte != 0 && p.byte == byte;
+    return is_hdl64e ? p.model == VelodyneModel::kHdl64e : p.byte != 0 && p.byte == byte;
   });
-  if (model_ == VelodyneModel::kHdl64e) return true;  // given as an option, or detected before
   if (known == std::end(kProducts)) {
     ++counters_.unknown_product;
-    return false;
+    return std::nullopt;
   }
-  if (!model_) set_model(known->model);
-  if (*model_ == known->model) return true;
-  ++counters_.other_product;
-  return false;
+  if (model_ && *model_ != known->model) {
+    ++counters_.other_product;
+    return std::nullopt;
+  }
+  return known->model;
 }
 
-void VelodyneDecoder::read_packet(std::span<const std::byte> payload, Packet& packet) {
-  const bool is_hdl64e = model_ == VelodyneModel::kHdl64e;
+// Reads the blocks' headers and the time. An impossible time is replaced by that at which the packet
+// was due.
+void VelodyneDecoder::read_packet(std::span<const std::byte> payload, VelodyneModel model,
+                                  Packet& packet) {
+  const bool is_hdl64e = model == VelodyneModel::kHdl64e;
   for (std::size_t b = 0; b < kBlocks; ++b) {
     Block& block = packet.blocks[b];
     const std::uint32_t flag = read16(payload, b * kBlockBytes);
@@ -384,12 +394,15 @@ void VelodyneDecoder::read_packet(std::span<const std::byte> payload, Packet& pa
     }
   }
   const std::uint32_t microseconds = read32(payload, kBlocks * kBlockBytes);
-  if (microseconds >= kHour) ++counters_.bad_time;
   packet.sensor_time = 1e-6 * static_cast<double>(microseconds);
+  if (microseconds < kHour) return;
+  ++counters_.bad_time;
+  if (last_azimuth_) packet.sensor_time = std::fmod(last_time_ + last_span_, kHourSeconds);
 }
 
 // Finds which return each block contains, and which block contains the other one. VLP and HDL-32E
-// send the last return, then the strongest one. The HDL-64E sends upper and lower block of one
+// send the last return, then the strongest one; if this is the last one, too, VLP-16 and VLP-32C
+// send the second-strongest return in its place, without saying so. The HDL-64E sends upper and lower block of one
 // return, then of the other; dual returns are recognised by their equal azimuths.
 void VelodyneDecoder::read_returns(Packet& packet, std::span<const std::byte> payload) {
   auto& blocks = packet.blocks;
@@ -453,11 +466,19 @@ bool VelodyneDecoder::was_measured(std::uint32_t from, std::uint32_t length) con
   return true;
 }
 
-// Counts the packets that were lost before this one. One that comes late was not lost.
+// Seconds from the foremost block's packet to this one; negative: it was sent before that one.
+double VelodyneDecoder::elapsed_until(const Packet& packet) const {
+  return std::remainder(packet.sensor_time - last_time_, kHourSeconds);
+}
+
+// Counts the packets that were lost before this one. One that comes late was not lost; a time
+// before the last one alone does not show that, because the clock may have been set.
 void VelodyneDecoder::count_lost(const Packet& packet) {
   if (!(last_span_ > 0.0) || packet.sensor_time >= kHourSeconds) return;
-  const double elapsed = std::remainder(packet.sensor_time - last_time_, kHourSeconds);
-  if (elapsed < 0.0 && elapsed > -kLongestDelay && counters_.lost_packets > 0) {
+  const double elapsed = elapsed_until(packet);
+  const auto& first = *std::ranges::find_if(packet.blocks, &Block::is_good);
+  if (elapsed < 0.0 && is_behind(forward(*last_azimuth_, first.azimuth), packet) &&
+      counters_.lost_packets > 0) {
     --counters_.lost_packets;
   }
   if (!(elapsed > 1.5 * last_span_ && elapsed < kLongestDelay)) return;
@@ -477,9 +498,10 @@ void VelodyneDecoder::decode(std::span<const std::byte> payload,
     ++counters_.bad_length;
     return;
   }
-  if (!identify(payload)) return;
+  const std::optional<VelodyneModel> model = identify(payload);
+  if (!model) return;
   const auto mode = std::to_integer<std::uint8_t>(payload[kVelodynePacketBytes - 2]);
-  const bool says_mode = model_ != VelodyneModel::kHdl64e;
+  const bool says_mode = model != VelodyneModel::kHdl64e;
   if (says_mode && mode != kModeStrongest && mode != kModeLast && mode != kModeDual) {
     ++counters_.unknown_return_mode;
     return;
@@ -491,12 +513,15 @@ void VelodyneDecoder::decode(std::span<const std::byte> payload,
   last_payload_.assign(payload.begin(), payload.end());
   Packet packet;
   packet.time_ns = time_ns;
-  read_packet(payload, packet);
+  read_packet(payload, *model, packet);
+  // Another device's payload may end in the bytes of a product; without a good block it must not
+  // determine the model.
+  if (std::ranges::none_of(packet.blocks, &Block::is_good)) return;
+  if (!model_) set_model(*model);
+  ++counters_.packets;
   read_returns(packet, payload);
-  const bool some = std::any_of(packet.blocks.begin(), packet.blocks.end(),
-                                [](const Block& block) { return block.is_good; });
-  if (some) ++counters_.packets;
   count_lost(packet);
+  if (is_after_step(packet)) break_turn();
   bool is_first = true;
   for (std::size_t b = 0; b < kBlocks; ++b) {
     if (!packet.blocks[b].is_good) continue;
@@ -506,12 +531,26 @@ void VelodyneDecoder::decode(std::span<const std::byte> payload,
   }
 }
 
+// Did the sensor pause before this packet, or was its clock set? Counts the packets without that.
+bool VelodyneDecoder::is_after_step(const Packet& packet) {
+  if (!last_azimuth_) return false;
+  const bool is_step = std::fabs(elapsed_until(packet)) > kLongestDelay;
+  const std::int64_t steady = std::exchange(steady_packets_, is_step ? 0 : steady_packets_ + 1);
+  return is_step && (model_ != VelodyneModel::kHdl64e || steady >= kSteadyPackets);
+}
+
+// Ends the frame in progress where it is: blocks before and after a step of the time are no turn.
+void VelodyneDecoder::break_turn() {
+  if (is_open_) end_frame(false);
+  last_azimuth_.reset();
+}
+
 // Does a step of the azimuth (0.01 degrees, forward) lead to a block that was fired before the last
 // one, because packets arrived out of order? A scanner with a limited field of view makes long
 // steps forward, too.
 bool VelodyneDecoder::is_behind(std::uint32_t step, const Packet& packet) const {
   if (step < kTurnTicks / 2) return false;
-  const double elapsed = std::remainder(packet.sensor_time - last_time_, kHourSeconds);
+  const double elapsed = elapsed_until(packet);
   if (elapsed < 0.0 && elapsed > -kLongestDelay) return true;
   return kTurnTicks - step <= kLargestReturn && elapsed < kShortestHalfTurn;
 }
@@ -583,8 +622,9 @@ void VelodyneDecoder::decode_block(const Packet& packet, std::size_t index,
                         packet.blocks[block.twin].is_lower == block.is_lower;
   const std::size_t base = index * kBlockBytes + 4;
   const std::size_t twin_base = has_twin ? block.twin * kBlockBytes + 4 : base;
-  double packet_time = packet.sensor_time - frame_time_;
-  if (packet_time < -kHourSeconds / 2.0) packet_time += kHourSeconds;  // a new hour has begun
+  // An hour may begin within the frame, and its first packet may come before the last of the old
+  // one.
+  const double packet_time = std::remainder(packet.sensor_time - frame_time_, kHourSeconds);
   for (std::size_t i = 0; i < kFirings; ++i) {
     const std::size_t at = base + 3 * i;
     const std::uint32_t raw_range = read16(payload, at);

@@ -24,7 +24,11 @@ from manip3d.errors import Error, FormatError, InputError
 from manip3d.lidar import LidarFrame, ScanFormat
 
 RETURN_TYPES: tuple[str, ...] = ("unknown", "strongest", "last", "both")
-"""Names of the values of ``fields["return_type"]``; both: the last return is the strongest."""
+"""Names of the values of ``fields["return_type"]``.
+
+In dual return mode, "both" means that the two returns are equal, since only one was detected. The
+"strongest" of a VLP-16 or VLP-32C is the second-strongest return if the strongest is the last, too.
+"""
 
 DEFAULT_PORT = 2368  # UDP port to which Velodyne's scanners send data by default
 
@@ -235,7 +239,7 @@ def open_lidar(
           be left out if the bag has a single topic of clouds. The only option is ``max_bytes``.
     model : str, optional
         ``hdl64e``, ``hdl32e``, ``vlp16``, ``vlp16-hires`` or ``vlp32c``; default: as the first
-        packet states.
+        packet with a valid block states.
     calibration : VelodyneCalibration or path, optional
         Calibration, which an HDL-64E needs (see `read_velodyne_calibration`); default: the nominal
         table of the model.
@@ -267,7 +271,8 @@ def open_lidar(
         time at which the frame's first packet was received; None if the recording states no times
         (Simple Packet Blocks of pcapng). ``format`` holds the model, the sensor's own time, and
         whether the turn is complete: it begins and ends at ``cut_azimuth``, or at the gap around
-        it that a limited field of view leaves, and has no gaps that are as large as the rest.
+        it that a limited field of view leaves, and has no gaps that are as large as the rest. A
+        pause of more than a second, or a step of the sensor's clock, ends a frame, too.
 
         For an Ouster, ``fields`` are ``column``, ``range``, ``time``, ``return`` (1 or 2) and the
         sensor's own fields (``near_ir``). For a bag, ``fields`` are those of its messages, and
@@ -287,7 +292,7 @@ def open_lidar(
         of which the last may be incomplete; a bag goes on with its next message), or it is a
         VLS-128's.
     DeviceError
-        Another program uses the port.
+        Another program uses the port, or the address is not one of this machine.
     MissingExtraError
         ouster-sdk or rosbags is not installed: ``pip install 'manip3d[ouster]'``, ``[bags]``.
 

@@ -38,8 +38,8 @@ constexpr std::size_t kMaxUdpBytes = 1536;
 class UdpReceiver {
  public:
   /// Binds the port.
-  /// @throws InputError  the address is not one of this machine.
-  /// @throws DeviceError  for example, the port is taken.
+  /// @throws InputError   the address or the sender is not an IPv4 address, or ring_packets is 0.
+  /// @throws DeviceError  the address is not one of this machine, or the port is taken.
   explicit UdpReceiver(const UdpOptions& options = {});
   UdpReceiver(const UdpReceiver&) = delete;
   UdpReceiver& operator=(const UdpReceiver&) = delete;

@@ -59,14 +59,16 @@ VelodyneCalibration factory_calibration(VelodyneModel model);
 
 enum class ReturnType : std::uint8_t {
   kUnknown,  ///< The packet does not state it (HDL-64E with one return).
+  /// The strongest return. In dual return mode of VLP-16 and VLP-32C, it is the second-strongest one
+  /// if the strongest is the last, too; packets do not tell the two cases apart.
   kStrongest,
   kLast,
-  kBoth  ///< In dual return mode, the last return is also the strongest.
+  kBoth  ///< In dual return mode, the two returns are equal, since only one was detected.
 };
 
 struct VelodyneOptions {
-  /// Empty: determined by the first packet. HDL-64E packets are recognised by their lower blocks
-  /// (0xDDFF). The VLS-128 has these, too, with two more kinds of blocks; it is not read.
+  /// Empty: determined by the first packet with a valid block. HDL-64E packets are recognised by
+  /// their lower blocks (0xDDFF), at least 3 of 12. The VLS-128 has these, too, with two more kinds of blocks; it is not read.
   std::optional<VelodyneModel> model;
   VelodyneCalibration calibration;  ///< Without lasers: factory_calibration() of the model.
   /// Degrees in [0, 360): a frame ends where the azimuth passes this angle.
@@ -88,9 +90,12 @@ struct VelodyneCounters {
   std::int64_t position_packets = 0;     ///< Packets of 512 bytes (GPS), which are ignored.
   std::int64_t bad_length = 0;           ///< Packets of any other length.
   std::int64_t unknown_product = 0;      ///< Packets of an unknown model.
-  std::int64_t other_product = 0;        ///< Packets of another model than the first one.
+  /// Packets of another model than the option or the first packet says. For an HDL-64E, these are
+  /// packets without a lower block that name another product.
+  std::int64_t other_product = 0;
   std::int64_t unknown_return_mode = 0;  ///< Packets with an unknown return mode.
-  std::int64_t bad_time = 0;             ///< Packets with a time beyond the hour; they are decoded.
+  /// Packets with a time beyond the hour. They are decoded, with the time at which they were due.
+  std::int64_t bad_time = 0;
   std::int64_t bad_block_flag = 0;       ///< Blocks with an unknown flag.
   std::int64_t bad_azimuth = 0;          ///< Blocks with an azimuth of 360 degrees or more.
   std::int64_t backward_azimuth = 0;     ///< Blocks behind an earlier one; they are decoded.
@@ -133,8 +138,10 @@ struct VelodyneFrame {
 /// points that it contains, or refused and counted.
 ///
 /// A scanner sends packets at a fixed rate within its field of view. If a packet comes later, and
-/// earlier turns measured all azimuths in between, packets were lost. A gap of more than a second
-/// is a pause, or the scanner's clock was set; no packets are counted for it.
+/// earlier turns measured all azimuths in between, packets were lost. A step of the time by more
+/// than a second is a pause, or the scanner's clock was set: the frame in progress ends there and is
+/// incomplete, as is the next one, and no packets are counted. For an HDL-64E, this needs 100
+/// packets before it without such a step, because its old firmware sends no time.
 class VelodyneDecoder {
  public:
   /// @throws InputError  an option is out of range, or the number of lasers is not the model's.
@@ -166,14 +173,17 @@ class VelodyneDecoder {
   struct Block;
   struct Packet;
 
-  bool identify(std::span<const std::byte> payload);
+  std::optional<VelodyneModel> identify(std::span<const std::byte> payload);
   void set_model(VelodyneModel model);
-  void read_packet(std::span<const std::byte> payload, Packet& packet);
+  void read_packet(std::span<const std::byte> payload, VelodyneModel model, Packet& packet);
   void read_returns(Packet& packet, std::span<const std::byte> payload);
   static bool has_equal_azimuths(const Packet& packet);
   void measure_turns(Packet& packet, std::size_t next);
   void decode_block(const Packet& packet, std::size_t index, std::span<const std::byte> payload);
   void advance(std::uint32_t azimuth, const Packet& packet, bool is_first);
+  bool is_after_step(const Packet& packet);
+  void break_turn();
+  [[nodiscard]] double elapsed_until(const Packet& packet) const;
   [[nodiscard]] bool is_behind(std::uint32_t step, const Packet& packet) const;
   void count_lost(const Packet& packet);
   [[nodiscard]] bool was_measured(std::uint32_t from, std::uint32_t length) const;
@@ -195,6 +205,7 @@ class VelodyneDecoder {
   std::optional<std::uint32_t> last_azimuth_;  // of the foremost block, 0.01 degrees
   std::vector<std::byte> last_payload_;        // of the packet before, to find repeated ones
   double last_time_ = 0.0;                     // sensor time of that block's packet
+  std::int64_t steady_packets_ = 0;            // packets in a row without a step of the time
   double last_span_ = 0.0;  // time until the packet after that one, seconds; 0: unknown
   std::array<std::int64_t, 360> measured_{};  // number of the last frame with a block, by degree
   std::uint32_t covered_ = 0;  // azimuths of the frame in progress without gaps, 0.01 degrees

@@ -74,7 +74,7 @@ class VelodyneUdpSource final : public FrameSource<VelodyneFrame> {
  public:
   /// @throws InputError   an option is out of range, the number of lasers is not the model's, or an
   ///                      address is not one of IPv4.
-  /// @throws DeviceError  the operating system refused to open the port.
+  /// @throws DeviceError  the address is not one of this machine, or the port is taken.
   explicit VelodyneUdpSource(const UdpOptions& udp, VelodyneOptions options = {});
 
   [[nodiscard]] SourceCapabilities capabilities() const override { return {true}; }
