@@ -85,11 +85,14 @@ def pcapng(
     tick: int = 6,
     start: Fraction = Fraction(1000),
     simple: bool = False,
+    obsolete: bool = False,
+    offset_s: int = 0,
 ) -> bytes:
     """Return a pcapng file: section, interface, and an enhanced block per frame, 0.25 s apart.
 
-    Simple blocks have no time. ``tick`` is the interface's if_tsresol: a power of ten, or of two
-    where 128 is added.
+    Simple blocks have no time; obsolete ones say that 7 packets were dropped. ``tick`` is the
+    interface's if_tsresol: a power of ten, or of two where 128 is added. ``offset_s`` is its
+    if_tsoffset, which is in no block's time.
     """
 
     def ng_block(kind: int, body: bytes) -> bytes:
@@ -98,14 +101,18 @@ def pcapng(
 
     per_second = 2 ** (tick - 128) if tick >= 128 else 10**tick
     data = [ng_block(0x0A0D0D0A, struct.pack(order + "IHHq", 0x1A2B3C4D, 1, 0, -1))]
-    option = struct.pack(order + "HHBxxx", 9, 1, tick) + struct.pack(order + "HH", 0, 0)
+    option = struct.pack(order + "HHBxxx", 9, 1, tick)
+    if offset_s:
+        option += struct.pack(order + "HHq", 14, 8, offset_s)
+    option += struct.pack(order + "HH", 0, 0)
     data.append(ng_block(1, struct.pack(order + "HHI", link, 0, 65535) + option))
     for i, frame in enumerate(frames):
         ticks = int((start + Fraction(i, 4)) * per_second) % 2**64
-        head = struct.pack(
-            order + "IIIII", 0, ticks >> 32, ticks & 0xFFFFFFFF, len(frame), len(frame)
-        )
-        kind, head = (3, struct.pack(order + "I", len(frame))) if simple else (6, head)
+        head = struct.pack(order + "HH", 0, 7) if obsolete else bytes(4)
+        head += struct.pack(order + "IIII", ticks >> 32, ticks & 0xFFFFFFFF, len(frame), len(frame))
+        kind = 2 if obsolete else 6
+        if simple:
+            kind, head = 3, struct.pack(order + "I", len(frame))
         data.append(ng_block(kind, head + frame + bytes(-len(frame) % 4)))
     return b"".join(data)
 

@@ -98,6 +98,39 @@ def test_a_clock_that_ticks_too_often_for_64_bits_tells_no_time(tmp_path: Path, 
 
 
 @pytest.mark.parametrize("order", ["<", ">"])
+def test_an_interface_adds_seconds_to_its_times(tmp_path: Path, order: str) -> None:
+    """The blocks' times count from the offset of the interface (if_tsoffset)."""
+    recording = [ethernet(UDP)] * 2
+    data = pcapng(recording, order=order, start=Fraction(1, 2), offset_s=1_700_000_000)
+    assert read(tmp_path, data)[0] == [1_700_000_000_500_000_000]
+    data = pcapng(recording, order=order, start=Fraction(1000), offset_s=-1001)
+    assert read(tmp_path, data)[0] == [-(10**9)]
+    for offset_s in (2**63 - 1, -(2**63), 9_000_000_000):
+        data = pcapng(recording, order=order, tick=0, start=Fraction(1000), offset_s=offset_s)
+        assert read(tmp_path, data)[0] == [None]
+
+
+@pytest.mark.parametrize("order", ["<", ">"])
+def test_obsolete_packet_blocks_are_read(tmp_path: Path, order: str) -> None:
+    data = pcapng([ethernet(UDP)] * 2, order=order, obsolete=True)
+    times, counters = read(tmp_path, data)
+    assert times == [1000 * 10**9]
+    assert (arrived(counters), counters["file_packets"]) == (2, 2)
+
+
+def test_blocks_without_packets_may_be_long(tmp_path: Path) -> None:
+    """Names of a Name Resolution Block, behind the interface."""
+    size = 12 + 600_000
+    names = struct.pack("<II", 4, size) + bytes(600_000) + struct.pack("<I", size)
+    times, counters = read(tmp_path, NG[:60] + names + NG[60:])
+    assert times == [1000 * 10**9]
+    assert arrived(counters) == 2
+    with pytest.raises(FormatError, match="file ends within a block") as caught:
+        read(tmp_path, NG[:60] + names[:-1])
+    assert caught.value.byte_offset == 60 + size - 1
+
+
+@pytest.mark.parametrize("order", ["<", ">"])
 def test_simple_blocks_have_no_time(tmp_path: Path, order: str) -> None:
     data = pcapng([ethernet(UDP)] * 2, order=order, simple=True)
     times, counters = read(tmp_path, data)

@@ -189,7 +189,10 @@ class PcapReader::Records {
  private:
   static constexpr std::uint32_t kMicroseconds = 0xA1B2C3D4, kNanoseconds = 0xA1B23C4D;
   static constexpr std::int64_t kSecond = 1'000'000'000;  // in nanoseconds
-  static constexpr std::uint32_t kSection = 0x0A0D0D0A;   // nanoseconds
+  // Types of blocks of pcapng; the first one is that of a section header.
+  static constexpr std::uint32_t kSection = 0x0A0D0D0A;
+  static constexpr std::uint32_t kInterface = 1, kObsolete = 2, kSimple = 3, kEnhanced = 6;
+  static constexpr std::size_t kPacketHeader = 20;  // of the body of an enhanced or obsolete block
 
   static std::uint32_t swapped(std::uint32_t v) {
     return v >> 24 | (v >> 8 & 0xFF00) | (v << 8 & 0xFF0000) | v << 24;
@@ -241,10 +244,14 @@ class PcapReader::Records {
                                            std::to_string(length));
   }
 
+  static bool is_read(std::uint32_t type) {
+    return type == kSection || type == kInterface || type == kObsolete || type == kSimple ||
+           type == kEnhanced;
+  }
+
   // draft-ietf-opsawg-pcapng: blocks of (type, length, body, length). The first block of a section
-  // determines its byte order.
+  // determines its byte order. Blocks of other types may have any length.
   bool next_ng(Record& record) {
-    constexpr std::uint32_t kInterface = 1, kSimple = 3, kEnhanced = 6;
     while (!input_.at_end()) {
       const std::int64_t offset = input_.offset();
       const std::string_view seen = input_.peek(12);
@@ -258,13 +265,26 @@ class PcapReader::Records {
             offset + 4,
             "expected a block of 12 bytes or more, a multiple of 4, got " + std::to_string(length));
       }
+      if (!is_read(type)) {
+        skip(length);
+        continue;
+      }
       check_length(length, offset + 4);
       const ByteSpan body = bytes(length, "a block").subspan(8, length - 12);
       if (type == kInterface) add_interface(body, offset);
-      if (type == kEnhanced) return read_enhanced(body, offset, record);
       if (type == kSimple) return read_simple(body, offset, record);
+      if (type == kEnhanced || type == kObsolete) return read_packet(type, body, offset, record);
     }
     return false;
+  }
+
+  // Reads over a block in pieces, so that memory stays bounded.
+  void skip(std::size_t length) {
+    while (length > 0) {
+      const std::size_t piece = std::min(length, kLargestRecord);
+      bytes(piece, "a block");
+      length -= piece;
+    }
   }
 
   void start_section(ByteSpan head, std::int64_t offset) {
@@ -280,6 +300,7 @@ class PcapReader::Records {
   struct Interface {
     std::uint32_t link = 0;
     std::uint64_t ticks_per_second = 1'000'000;
+    std::int64_t offset_s = 0;  // added to all times
   };
 
   // Ticks per second by the option if_tsresol: a power of ten, or of two if its highest bit is set.
@@ -293,13 +314,17 @@ class PcapReader::Records {
     return ticks;
   }
 
-  static std::optional<std::int64_t> nanoseconds(std::uint64_t ticks, std::uint64_t per_second) {
-    constexpr std::uint64_t kLatest = 9'000'000'000;  // seconds: the year 2255
-    if (per_second == 0) return std::nullopt;
-    const std::uint64_t seconds = std::min(ticks / per_second, kLatest);
+  // Nanoseconds since 1970; empty: the interface's clock is unknown, or they do not fit 64 bits.
+  static std::optional<std::int64_t> nanoseconds(std::uint64_t ticks, const Interface& clock) {
+    constexpr std::int64_t kFurthest = 9'000'000'000;  // seconds: the year 2255
+    const std::uint64_t per_second = clock.ticks_per_second;
+    std::int64_t seconds = 0;
+    if (per_second == 0 || __builtin_add_overflow(ticks / per_second, clock.offset_s, &seconds) ||
+        seconds < -kFurthest || seconds > kFurthest) {
+      return std::nullopt;
+    }
     const double part = static_cast<double>(ticks % per_second) / static_cast<double>(per_second);
-    return kSecond * static_cast<std::int64_t>(seconds) +
-           std::llround(static_cast<double>(kSecond) * part);
+    return kSecond * seconds + std::llround(static_cast<double>(kSecond) * part);
   }
 
   [[noreturn]] static void fail_short(std::int64_t offset) {
@@ -308,7 +333,6 @@ class PcapReader::Records {
 
   void add_interface(ByteSpan body, std::int64_t offset) {
     constexpr std::size_t kMaxInterfaces = 4096;
-    constexpr std::uint32_t kTimeResolution = 9;
     if (body.size() < 8) fail_short(offset);
     if (interfaces_.size() == kMaxInterfaces) {
       throw FormatError::at_byte(offset, "more than 4096 interfaces");
@@ -318,28 +342,38 @@ class PcapReader::Records {
     while (at + 4 <= body.size() && u16(body, at) != 0) {
       const std::size_t size = u16(body, at + 2);
       if (size > body.size() - at - 4) fail_short(offset);
-      if (u16(body, at) == kTimeResolution && size >= 1) {
-        added.ticks_per_second = per_second_of(std::to_integer<unsigned>(body[at + 4]));
-      }
+      read_option(u16(body, at), body.subspan(at + 4, size), added);
       at += 4 + (size + 3) / 4 * 4;
     }
     interfaces_.push_back(added);
   }
 
-  bool read_enhanced(ByteSpan body, std::int64_t offset, Record& record) {
-    constexpr std::size_t kHeader = 20;
-    if (body.size() < kHeader) fail_short(offset);
-    const std::uint32_t index = u32(body, 0);
+  void read_option(std::uint32_t code, ByteSpan value, Interface& interface) const {
+    constexpr std::uint32_t kTimeResolution = 9, kTimeOffset = 14;
+    if (code == kTimeResolution && !value.empty()) {
+      interface.ticks_per_second = per_second_of(std::to_integer<unsigned>(value[0]));
+    } else if (code == kTimeOffset && value.size() >= 8) {
+      const std::uint64_t first = u32(value, 0), second = u32(value, 4);
+      interface.offset_s =
+          static_cast<std::int64_t>(is_big_ ? first << 32 | second : second << 32 | first);
+    }
+  }
+
+  // Reads an enhanced block, or an obsolete one, whose number of the interface has 16 bits, because
+  // a count of dropped packets follows it.
+  bool read_packet(std::uint32_t type, ByteSpan body, std::int64_t offset, Record& record) {
+    if (body.size() < kPacketHeader) fail_short(offset);
+    const std::uint32_t interface = type == kObsolete ? u16(body, 0) : u32(body, 0);
     const std::size_t stored = u32(body, 12);
-    if (stored > body.size() - kHeader) fail_short(offset);
-    if (index >= interfaces_.size()) {
-      throw FormatError::at_byte(offset + 8, "no interface " + std::to_string(index));
+    if (stored > body.size() - kPacketHeader) fail_short(offset);
+    if (interface >= interfaces_.size()) {
+      throw FormatError::at_byte(offset + 8, "no interface " + std::to_string(interface));
     }
     const std::uint64_t ticks = std::uint64_t{u32(body, 4)} << 32 | u32(body, 8);
-    record.time_ns = nanoseconds(ticks, interfaces_[index].ticks_per_second);
-    record.link = interfaces_[index].link;
+    record.time_ns = nanoseconds(ticks, interfaces_[interface]);
+    record.link = interfaces_[interface].link;
     record.is_whole = stored >= u32(body, 16);
-    record.bytes = body.subspan(kHeader, stored);
+    record.bytes = body.subspan(kPacketHeader, stored);
     return true;
   }
 

@@ -375,8 +375,8 @@ std::optional<VelodyneModel> VelodyneDecoder::identify(std::span<const std::byte
   return known->model;
 }
 
-// Reads the blocks' headers and the time. An impossible time is replaced by that at which the packet
-// was due.
+// Reads the blocks' headers and the time. An impossible time is replaced by that at which the
+// packet was due.
 void VelodyneDecoder::read_packet(std::span<const std::byte> payload, VelodyneModel model,
                                   Packet& packet) {
   const bool is_hdl64e = model == VelodyneModel::kHdl64e;
@@ -402,8 +402,9 @@ void VelodyneDecoder::read_packet(std::span<const std::byte> payload, VelodyneMo
 
 // Finds which return each block contains, and which block contains the other one. VLP and HDL-32E
 // send the last return, then the strongest one; if this is the last one, too, VLP-16 and VLP-32C
-// send the second-strongest return in its place, without saying so. The HDL-64E sends upper and lower block of one
-// return, then of the other; dual returns are recognised by their equal azimuths.
+// send the second-strongest return in its place, without saying so. The HDL-64E sends upper and
+// lower block of one return, then of the other; dual returns are recognised by their equal
+// azimuths.
 void VelodyneDecoder::read_returns(Packet& packet, std::span<const std::byte> payload) {
   auto& blocks = packet.blocks;
   const auto mode = std::to_integer<std::uint8_t>(payload[kVelodynePacketBytes - 2]);

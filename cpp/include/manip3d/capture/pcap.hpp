@@ -38,9 +38,10 @@ struct UdpPacket {
 };
 
 struct PcapCounters {
-  std::int64_t packets = 0;  ///< Records in the file.
-  std::int64_t udp = 0;      ///< Payloads returned.
-  std::int64_t other = 0;    ///< Records that are not IP or not UDP, or have an unknown link type.
+  /// Recorded packets: records of a pcap; Simple, Enhanced and Obsolete Packet Blocks of a pcapng.
+  std::int64_t packets = 0;
+  std::int64_t udp = 0;    ///< Payloads returned.
+  std::int64_t other = 0;  ///< Records that are not IP or not UDP, or have an unknown link type.
   std::int64_t fragments = 0;  ///< Fragments of IP datagrams, which are not reassembled.
   /// Packets that were recorded in part only, or are shorter than their headers say.
   std::int64_t cut_short = 0;
@@ -59,7 +60,8 @@ class PcapReader {
   ~PcapReader();
 
   /// Reads the next UDP payload; returns false at the end.
-  /// @throws FormatError  (with the byte) the file ends within a record, or a record is too long.
+  /// @throws FormatError  (with the byte) the file ends within a record, or a record is too long
+  ///                      (blocks of pcapng that hold no packets may have any length).
   bool next(UdpPacket& packet);
   [[nodiscard]] const PcapCounters& counters() const { return counters_; }
 

@@ -59,8 +59,8 @@ VelodyneCalibration factory_calibration(VelodyneModel model);
 
 enum class ReturnType : std::uint8_t {
   kUnknown,  ///< The packet does not state it (HDL-64E with one return).
-  /// The strongest return. In dual return mode of VLP-16 and VLP-32C, it is the second-strongest one
-  /// if the strongest is the last, too; packets do not tell the two cases apart.
+  /// The strongest return. In dual return mode of VLP-16 and VLP-32C, it is the second-strongest
+  /// one if the strongest is the last, too; packets do not tell the two cases apart.
   kStrongest,
   kLast,
   kBoth  ///< In dual return mode, the two returns are equal, since only one was detected.
@@ -68,7 +68,8 @@ enum class ReturnType : std::uint8_t {
 
 struct VelodyneOptions {
   /// Empty: determined by the first packet with a valid block. HDL-64E packets are recognised by
-  /// their lower blocks (0xDDFF), at least 3 of 12. The VLS-128 has these, too, with two more kinds of blocks; it is not read.
+  /// their lower blocks (0xDDFF), at least 3 of 12. The VLS-128 has these, too, with two more kinds
+  /// of blocks; it is not read.
   std::optional<VelodyneModel> model;
   VelodyneCalibration calibration;  ///< Without lasers: factory_calibration() of the model.
   /// Degrees in [0, 360): a frame ends where the azimuth passes this angle.
@@ -86,19 +87,19 @@ struct VelodyneOptions {
 /// Counts of packets and firings. Each firing of a good block counts in exactly one of points,
 /// no_return, duplicates and out_of_range.
 struct VelodyneCounters {
-  std::int64_t packets = 0;              ///< Data packets with at least one decoded block.
-  std::int64_t position_packets = 0;     ///< Packets of 512 bytes (GPS), which are ignored.
-  std::int64_t bad_length = 0;           ///< Packets of any other length.
-  std::int64_t unknown_product = 0;      ///< Packets of an unknown model.
+  std::int64_t packets = 0;           ///< Data packets with at least one decoded block.
+  std::int64_t position_packets = 0;  ///< Packets of 512 bytes (GPS), which are ignored.
+  std::int64_t bad_length = 0;        ///< Packets of any other length.
+  std::int64_t unknown_product = 0;   ///< Packets of an unknown model.
   /// Packets of another model than the option or the first packet says. For an HDL-64E, these are
   /// packets without a lower block that name another product.
   std::int64_t other_product = 0;
   std::int64_t unknown_return_mode = 0;  ///< Packets with an unknown return mode.
   /// Packets with a time beyond the hour. They are decoded, with the time at which they were due.
   std::int64_t bad_time = 0;
-  std::int64_t bad_block_flag = 0;       ///< Blocks with an unknown flag.
-  std::int64_t bad_azimuth = 0;          ///< Blocks with an azimuth of 360 degrees or more.
-  std::int64_t backward_azimuth = 0;     ///< Blocks behind an earlier one; they are decoded.
+  std::int64_t bad_block_flag = 0;    ///< Blocks with an unknown flag.
+  std::int64_t bad_azimuth = 0;       ///< Blocks with an azimuth of 360 degrees or more.
+  std::int64_t backward_azimuth = 0;  ///< Blocks behind an earlier one; they are decoded.
   /// Packets that the scanner must have sent between two others, by their times (see
   /// VelodyneDecoder); those of an HDL-64E, whose rate no manual states, are not counted.
   std::int64_t lost_packets = 0;
@@ -139,8 +140,8 @@ struct VelodyneFrame {
 ///
 /// A scanner sends packets at a fixed rate within its field of view. If a packet comes later, and
 /// earlier turns measured all azimuths in between, packets were lost. A step of the time by more
-/// than a second is a pause, or the scanner's clock was set: the frame in progress ends there and is
-/// incomplete, as is the next one, and no packets are counted. For an HDL-64E, this needs 100
+/// than a second is a pause, or the scanner's clock was set: the frame in progress ends there and
+/// is incomplete, as is the next one, and no packets are counted. For an HDL-64E, this needs 100
 /// packets before it without such a step, because its old firmware sends no time.
 class VelodyneDecoder {
  public:
