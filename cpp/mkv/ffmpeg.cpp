@@ -131,6 +131,9 @@ int open_encoder(Images& images) {
 struct Io {
   MkvFile file;
   std::int64_t position = 0;
+  /// Whether FFmpeg may know the size of the file. A reader may not: FFmpeg would print a line for
+  /// each element that the end of the file cuts, without a context whose logging could be off.
+  bool has_size = false;
   AVIOContext* context = nullptr;
 
   Io(const MkvFile& of) : file(of) {}
@@ -167,6 +170,7 @@ int write_file(void* opaque, Written* data, int size) {
 
 std::int64_t seek_file(void* opaque, std::int64_t offset, int origin) {
   Io& io = *static_cast<Io*>(opaque);
+  if (!io.has_size && ((origin & AVSEEK_SIZE) != 0 || origin == SEEK_END)) return AVERROR(ENOSYS);
   const std::int64_t end = io.file.size(io.file.self);
   if ((origin & AVSEEK_SIZE) != 0) return end;
   origin &= ~AVSEEK_FORCE;
@@ -180,6 +184,7 @@ std::int64_t seek_file(void* opaque, std::int64_t offset, int origin) {
 int Io::open(bool writes) {
   auto* buffer = static_cast<unsigned char*>(av_malloc(kBufferBytes));
   if (buffer == nullptr) return AVERROR(ENOMEM);
+  has_size = writes;
   context =
       avio_alloc_context(buffer, kBufferBytes, writes ? 1 : 0, this, writes ? nullptr : read_file,
                          writes ? write_file : nullptr, seek_file);
@@ -318,7 +323,8 @@ int finish(MkvWriter* writer) {
 // --- reading ------------------------------------------------------------------------------------
 
 /// The class of demuxers with logging off: log_level_offset_offset refers to a field that demuxers
-/// do not use. Errors in a file are thrown or counted by the caller, and not printed.
+/// do not use. Errors in a file are thrown or counted by the caller, and not printed. (A callback
+/// for FFmpeg's log would be that of the whole process, and silence its other users.)
 const AVClass* quiet_class() {
   struct Class {
     AVClass fields;

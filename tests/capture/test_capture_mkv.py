@@ -106,6 +106,38 @@ def test_a_killed_recorder_leaves_its_frames(tmp_path: Path, size: int) -> None:
     assert source.counters["damaged"] == source.counters["lost"] == 0
 
 
+def test_a_recording_without_frames_is_whole(tmp_path: Path) -> None:
+    path = tmp_path / "empty.mkv"
+    capture.record((frame_of(n) for n in range(3)), path, trigger=lambda _: False)
+    with capture.open_rgbd(f"mkv:{path}") as source:
+        assert source.num_frames == len(source) == 0
+        assert list(source) == []
+        assert set(source.counters.values()) == {0}
+        with pytest.raises(IndexError):
+            source[0]
+    whole = path.read_bytes()
+    path.write_bytes(whole.replace(hashlib.sha256().hexdigest().encode(), b"0" * 64))
+    with capture.open_rgbd(f"mkv:{path}") as source:
+        assert source.num_frames is None
+        assert list(source) == []
+        assert source.counters["cut_short"] == 1
+
+
+def test_nothing_is_printed_about_a_file_that_is_cut(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """FFmpeg prints a line if it knows the size of a file that ends within an element."""
+    path = tmp_path / "walk.mkv"
+    capture.record([frame_of(n) for n in range(4)], path)
+    whole = path.read_bytes()
+    for left_out in range(500, 12_500, 1000):
+        cut = len(whole) // 2
+        path.write_bytes(whole[:cut] + whole[cut + left_out :])
+        with capture.open_rgbd(f"mkv:{path}") as source:
+            list(source)
+    assert capfd.readouterr() == ("", "")
+
+
 def test_an_existing_recording_names_what_replaces_it(tmp_path: Path) -> None:
     path = tmp_path / "walk.mkv"
     capture.record([frame_of(0)], path)

@@ -20,6 +20,7 @@ from manip3d import (
     Registration,
     RgbdCalibration,
     RgbdFrame,
+    _core,
     capture,
     simplify,
 )
@@ -144,6 +145,10 @@ def test_a_damaged_frame_is_named_by_its_index(tmp_path: Path) -> None:
     source = capture.open_rgbd(f"mkv:{tmp_path / 'walk.mkv'}")
     with pytest.raises(FormatError, match="frame 4 is damaged or lost"):
         source[4]
+    core = _core.open_rgbd(f"mkv:{tmp_path / 'walk.mkv'}".encode(), 0.0, 0.0, 0.0, None)
+    with pytest.raises(FormatError, match="frame 4 is damaged or lost"):
+        core.read_at(4)
+    assert core.read(0)["number"] == frames[5].number
     for index in (5, 3):
         assert_same(source[index], frames[index])
     source.seek(4)

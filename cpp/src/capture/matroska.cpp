@@ -127,8 +127,7 @@ int MatroskaWriter::check(int code) {
     [[maybe_unused]] const int result = ::ftruncate(file_.descriptor.get(), whole_);
     file_.check("cannot write");
   }
-  // For a writer this means that memory ran out; for a reader mostly that a damaged file states a
-  // huge size.
+  // Memory ran out.
   if (code == -ENOMEM) throw std::bad_alloc();
   if (code < 0) throw DeviceError(file_.path.string() + ": cannot write: " + mkv_error(code));
   return code;

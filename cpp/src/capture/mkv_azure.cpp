@@ -121,6 +121,7 @@ class AzureSource final : public RgbdSource {
   void read_at(std::int64_t index, RgbdFrame& frame) override {
     RgbdSource::read_at(index, frame);
     if (frame.number == index) return;
+    seek(index + 1);
     throw FormatError("frame " + std::to_string(index) + " is damaged", {})
         .in_file(file_->path().string());
   }

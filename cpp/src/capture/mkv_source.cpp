@@ -126,8 +126,20 @@ JsonPlace::Json checked_record(const MatroskaPacket& packet) {
   return parse_json(json, 0);
 }
 
+/// Whether a record is the one that the recorder writes if there were no frames: it has no JSON.
+bool is_empty_record(const MatroskaPacket& packet) {
+  static const std::string kEmpty = sha256({}) + "\n";
+  return text_of(packet.bytes) == kEmpty;
+}
+
 std::int64_t index_of(const JsonPlace& record, std::int64_t least) {
   return record.member("index").integer(least, std::numeric_limits<std::int64_t>::max() - 1);
+}
+
+/// Whether the record of a file without frames comes first.
+bool begins_with_empty_record(MatroskaReader& file, int frames) {
+  MatroskaPacket packet;
+  return file.next(packet) && packet.track == frames && is_empty_record(packet);
 }
 
 /// One more than the index of the last record; empty if the file was not finished, or its end is
@@ -137,6 +149,7 @@ std::optional<std::int64_t> count_frames(const fs::path& path) try {
   const auto depth = file.find(mkv::kDepth, MkvKind::kVideo);
   const auto frames = file.find(mkv::kFrames, MkvKind::kText);
   if (file.duration_us() == 0 || !depth || !frames) return std::nullopt;
+  if (begins_with_empty_record(file, *frames)) return 0;
   if (file.seek(*depth, kLastEntry) == 0) return std::nullopt;
   std::optional<std::int64_t> count;
   for (MatroskaPacket packet; file.next(packet);) {
@@ -210,6 +223,7 @@ class MkvSource final : public RgbdSource {
   void read_at(std::int64_t index, RgbdFrame& frame) override {
     RgbdSource::read_at(index, frame);
     if (next_index_ == index + 1) return;
+    seek(index + 1);
     throw FormatError("frame " + std::to_string(index) + " is damaged or lost", {})
         .in_file(file_->path().string());
   }
@@ -288,9 +302,14 @@ class MkvSource final : public RgbdSource {
     }
   }
 
-  /// Decodes the frame whose record has just been read; returns false if it is incomplete. A
-  /// damaged record appears as a gap before the next one.
+  /// Decodes the frame whose record has just been read; returns false if it is incomplete or there
+  /// is none. A damaged record appears as a gap before the next one.
   bool read_frame(RgbdFrame& frame) {
+    if (is_empty_record(packet_)) {
+      last_time_us_ = packet_.time_us;
+      drop_images();
+      return false;
+    }
     bool is_known = false;  // the record is intact, so that the frame counts
     try {
       const JsonPlace::Json json = checked_record(packet_);

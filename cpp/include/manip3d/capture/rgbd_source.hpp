@@ -48,7 +48,7 @@ class RgbdSource : public FrameSource<RgbdFrame> {
   ///                     index.
   virtual void seek(std::int64_t index);
   /// Reads the frame with this index, counted from 0, and no other one. The next `read` returns the
-  /// frame after it.
+  /// frame after it, also if this one is damaged or lost.
   /// @throws InputError  as `seek`; the recording has no frame with this index.
   /// @throws FormatError  the frame is damaged or lost.
   virtual void read_at(std::int64_t index, RgbdFrame& frame);
