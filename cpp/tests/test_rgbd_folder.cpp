@@ -239,6 +239,9 @@ TEST(TumList, CommasAndAByteOrderMarkAreBlanks) {
   ASSERT_EQ(with_decimal_comma.size(), 2U);
   EXPECT_EQ(with_decimal_comma[0].time_ns, -1'500'000'000);
   EXPECT_EQ(with_decimal_comma[1].time_ns, 12'250'000'000);
+  const auto exact = parse_tum_list("-1700000000.123456789 a.png\n+0.000000005 b.png\n", exists);
+  EXPECT_EQ(exact.files.at(0).time_ns, -1'700'000'000'123'456'789);
+  EXPECT_EQ(exact.files.at(1).time_ns, 5);
   EXPECT_EQ(parse_tum_list("12,a.png\n", exists).files.at(0).time_ns, 12'000'000'000);
   EXPECT_THROW(parse_tum_list("1.0,\n", exists), FormatError);
   EXPECT_EQ(parse_tum_list("1.0 depth/a,1.png\n", exists).files.at(0).name, "depth/a,1.png");

@@ -185,6 +185,17 @@ TEST_F(SdkFile, TheGivenCameraIsTaken) {
                std::filesystem::filesystem_error);
 }
 
+TEST_F(SdkFile, AGivenRegistrationIsIgnored) {
+  const auto given = std::make_shared<RgbdCalibration>();
+  given->depth = camera_of(false);
+  given->depth.fx = 77.0;
+  given->registration = Registration{};
+  script_.frames = {frame_of(0)};
+  const auto frames = play({.calibration = given});
+  EXPECT_FALSE(frames.at(0).calibration->registration.has_value());
+  EXPECT_EQ(frames.at(0).calibration->depth.fx, 77.0);
+}
+
 TEST(SdkCamera, SilenceIsUnpluggedAndItCanBeOpenedAgain) {
   Script script{.frames = {frame_of(0)}, .then = ReadStatus::kTimeout};
   const auto source = open_sdk_camera("test", opener(script), {}, kShort);

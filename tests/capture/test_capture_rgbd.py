@@ -531,7 +531,7 @@ def test_plain_folders_of_images(tmp_path: Path, name: str, suffix: str) -> None
     (tmp_path / name / "003.png").unlink()
     with pytest.raises(FormatError, match="as many colour as depth images, got 3 and 4"):
         opened(tmp_path, camera=CAMERA)
-    with pytest.raises(FormatError, match=r"expected frames\.jsonl, or images in"):
+    with pytest.raises(FormatError, match=r"expected frames\.jsonl, or PNG images in"):
         opened(tmp_path / name, camera=CAMERA)
 
 
@@ -838,6 +838,52 @@ def test_8_bit_and_color_pngs_of_all_kinds(tmp_path: Path) -> None:
         np.testing.assert_array_equal(frame.depth, grey)
         expected = Image.open(tmp_path / "rgb" / "0.png").convert("RGB")
         np.testing.assert_array_equal(frame.color, np.asarray(expected))
+
+
+def with_chunk(path: Path, kind: bytes, data: bytes) -> None:
+    """Insert a chunk before the pixels of a PNG."""
+    png = path.read_bytes()
+    chunk = len(data).to_bytes(4, "big") + kind + data
+    chunk += zlib.crc32(kind + data).to_bytes(4, "big")
+    start = png.index(b"IDAT") - 4
+    path.write_bytes(png[:start] + chunk + png[start:])
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
+def test_a_transparent_value_of_depth_is_one_like_others(tmp_path: Path, dtype: Any) -> None:
+    depth = np.full((ROWS, COLS), 200, dtype)
+    depth[0] = 100
+    images(tmp_path, "depth", 1, depth)
+    (path,) = (tmp_path / "depth").iterdir()
+    with_chunk(path, b"tRNS", (100).to_bytes(2, "big"))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # about 8 bits
+        (frame,) = opened(tmp_path, camera=CAMERA)
+    np.testing.assert_array_equal(frame.depth, depth)
+
+
+def test_colours_of_a_cmyk_jpeg(tmp_path: Path) -> None:
+    images(tmp_path, "depth", 1, DEPTH)
+    (tmp_path / "rgb").mkdir()
+    path = tmp_path / "rgb" / "0.jpg"
+    Image.fromarray(COLOR).convert("CMYK").save(path, quality=95)
+    (frame,) = opened(tmp_path, camera=CAMERA)
+    assert frame.color is not None
+    expected = np.asarray(Image.open(path).convert("RGB")).astype(int)
+    assert np.abs(frame.color - expected).max() <= 2
+    path.write_bytes(path.read_bytes()[:-40])
+    with pytest.raises(FormatError, match="damaged JPEG image"):
+        list(opened(tmp_path, camera=CAMERA))
+
+
+def test_depth_images_are_pngs(tmp_path: Path) -> None:
+    images(tmp_path, "depth", 2, DEPTH)
+    Image.fromarray(COLOR).save(tmp_path / "depth" / "preview.jpg")
+    assert [f.number for f in opened(tmp_path, camera=CAMERA)] == [0, 1]
+    for path in (tmp_path / "depth").glob("*.png"):
+        path.unlink()
+    with pytest.raises(FormatError, match=r"or PNG images in"):
+        opened(tmp_path, camera=CAMERA)
 
 
 @pytest.mark.parametrize("name", ["image", "images"])

@@ -84,6 +84,15 @@ std::string without_commas(std::string_view text, std::int64_t line) {
   return blank;
 }
 
+/// Nanoseconds of a time in seconds: those of its decimals, which a double would round.
+std::int64_t exact_nanoseconds(std::string_view text, double seconds) {
+  const bool is_negative = text.starts_with('-');
+  if (is_negative || text.starts_with('+')) text.remove_prefix(1);
+  const std::optional<std::int64_t> size = scaled_decimal(text, 9);
+  if (!size) return std::llround(seconds * 1e9);
+  return is_negative ? -*size : *size;
+}
+
 /// Parses a line of a TUM sequence's list; returns nothing if it is blank or a comment.
 std::optional<TimedFile> timed_file(std::string_view text, std::int64_t line) {
   const std::string spaced = without_commas(text, line);
@@ -97,8 +106,7 @@ std::optional<TimedFile> timed_file(std::string_view text, std::int64_t line) {
   if (!(std::abs(seconds) <= kMaxSeconds)) {
     throw FormatError::at_line(line, "time: expected seconds up to 9e9");
   }
-  // A double would round the decimals.
-  const std::int64_t time_ns = scaled_decimal(exact, 9).value_or(std::llround(seconds * 1e9));
+  const std::int64_t time_ns = exact_nanoseconds(exact, seconds);
   const std::string_view name = words.word();
   if (!is_inside(name)) {
     throw FormatError::at_line(line, "file: expected a name inside the sequence's folder");

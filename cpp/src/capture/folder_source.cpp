@@ -157,15 +157,18 @@ std::vector<std::string> names_of(const std::vector<fs::path>& paths) {
   return names;
 }
 
-std::vector<fs::path> images_in(const fs::path& folder) {
+/// Depth images are PNGs only, because JPEG would change their values.
+bool is_image_suffix(const std::string& suffix, ImageKind kind) {
+  return suffix == ".png" || (kind == ImageKind::kColor && (suffix == ".jpg" || suffix == ".jpeg"));
+}
+
+std::vector<fs::path> images_in(const fs::path& folder, ImageKind kind) {
   std::vector<fs::path> images;
   if (!fs::is_directory(folder)) return images;
   for (const fs::directory_entry& entry : fs::directory_iterator(folder)) {
     const std::string suffix = lower_case(entry.path().extension().string());
     const bool is_hidden = entry.path().filename().string().starts_with('.');
-    if (!is_hidden && (suffix == ".png" || suffix == ".jpg" || suffix == ".jpeg")) {
-      images.push_back(entry.path());
-    }
+    if (!is_hidden && is_image_suffix(suffix, kind)) images.push_back(entry.path());
   }
   const bool decimals = has_decimals(names_of(images));
   std::ranges::sort(images, [decimals](const fs::path& a, const fs::path& b) {
@@ -177,7 +180,7 @@ std::vector<fs::path> images_in(const fs::path& folder) {
 /// Lists the images of a folder. An image whose name is no time among others whose names are is an
 /// error for depth images, and left out for colour images, which belong to no frame then.
 ImageList listed_images(const fs::path& folder, ImageKind kind) {
-  ImageList list{images_in(folder), {}};
+  ImageList list{images_in(folder, kind), {}};
   std::vector<std::optional<std::int64_t>> times;
   for (const std::string& name : with_whole_numbers(names_of(list.paths))) {
     times.push_back(time_in_name(name, kind));
@@ -299,7 +302,7 @@ std::vector<FrameFiles> frames_of(const ImageList& depth, double rate) {
 ImageFrames::Listing plain_frames(const fs::path& folder, double rate) {
   const ImageList depth = listed_images(folder / "depth", ImageKind::kDepth);
   if (depth.paths.empty()) {
-    throw FormatError("expected frames.jsonl, or images in " + (folder / "depth").string(), {})
+    throw FormatError("expected frames.jsonl, or PNG images in " + (folder / "depth").string(), {})
         .in_file(folder.string());
   }
   const bool has_times = !depth.times.empty();

@@ -220,6 +220,7 @@ DecodedImage<std::uint16_t> decode_depth(ByteSpan data, std::int64_t max_pixels)
   image.pixels.resize(image.rows * image.cols);
   png.read_pixels(image.pixels.data(), 2, [](png_structp reader) {
     png_set_expand_16(reader);
+    png_set_strip_alpha(reader);  // a value that is said to be transparent is a depth like others
     if (std::endian::native == std::endian::little) png_set_swap(reader);
   });
   if (is_narrow) {  // because widening multiplied the values by 257

@@ -17,8 +17,9 @@ struct DecodedImage {
   bool has_8_bits = false;  ///< Set by decode_depth().
 };
 
-/// Decodes a grey PNG of 16 bits; values of 8 bits are not scaled. Images of more than `max_pixels`
-/// pixels are refused before memory is allocated for them.
+/// Decodes a grey PNG of 16 bits; values of 8 bits are not scaled, and a value that the file says
+/// is transparent is one like others. Images of more than `max_pixels` pixels are refused before
+/// memory is allocated for them.
 /// @throws FormatError  a damaged image, another kind of image, or too many pixels.
 DecodedImage<std::uint16_t> decode_depth(std::span<const std::byte> data, std::int64_t max_pixels);
 /// Like decode_depth(), for a grey PNG of 8 bits.

@@ -25,6 +25,15 @@ void* or_no_memory(void* handle) {
   return handle;
 }
 
+// Converts inverted cyan, magenta, yellow and black: 255 is no ink.
+void to_rgb(std::span<const std::uint8_t> inks, std::uint8_t* color) {
+  for (std::size_t i = 0; i < inks.size(); i += 4) {
+    for (std::size_t c = 0; c < 3; ++c) {
+      *color++ = static_cast<std::uint8_t>((inks[i + c] * inks[i + 3] + 127) / 255);
+    }
+  }
+}
+
 }  // namespace
 
 JpegEncoder::JpegEncoder(int quality) : handle_(or_no_memory(tjInitCompress())), quality_(quality) {
@@ -56,7 +65,12 @@ JpegDecoder::~JpegDecoder() {
   if (handle_ != nullptr) tjDestroy(handle_);
 }
 
-ImageSize JpegDecoder::size(std::span<const std::byte> packet) {
+struct JpegDecoder::Header {
+  ImageSize size;
+  bool is_cmyk;
+};
+
+JpegDecoder::Header JpegDecoder::header(std::span<const std::byte> packet) {
   int cols = 0, rows = 0, sampling = 0, colors = 0;
   if (tjDecompressHeader3(handle_, bytes(packet), packet.size(), &cols, &rows, &sampling,
                           &colors) != 0) {
@@ -67,20 +81,30 @@ ImageSize JpegDecoder::size(std::span<const std::byte> packet) {
                           " pixels: expected at most 16384 a side",
                       {});
   }
-  return {rows, cols};
+  return {{rows, cols}, colors == TJCS_CMYK || colors == TJCS_YCCK};
 }
+
+ImageSize JpegDecoder::size(std::span<const std::byte> packet) { return header(packet).size; }
 
 void JpegDecoder::decode(std::span<const std::byte> packet, ImageSize expected,
                          std::uint8_t* color) {
-  const ImageSize found = size(packet);
+  const auto [found, is_cmyk] = header(packet);
   if (found.rows != expected.rows || found.cols != expected.cols) {
     throw FormatError("JPEG image: expected " + std::to_string(expected.cols) + " x " +
                           std::to_string(expected.rows) + " pixels, got " +
                           std::to_string(found.cols) + " x " + std::to_string(found.rows),
                       {});
   }
-  if (tjDecompress2(handle_, bytes(packet), packet.size(), color, static_cast<int>(found.cols), 0,
-                    static_cast<int>(found.rows), TJPF_RGB, kSafely | TJFLAG_ACCURATEDCT) != 0) {
+  if (!is_cmyk) return decompress(packet, found, TJPF_RGB, color);
+  std::vector<std::uint8_t> inks(static_cast<std::size_t>(4 * found.rows * found.cols));
+  decompress(packet, found, TJPF_CMYK, inks.data());
+  to_rgb(inks, color);
+}
+
+void JpegDecoder::decompress(std::span<const std::byte> packet, ImageSize size, int pixels,
+                             std::uint8_t* to) {
+  if (tjDecompress2(handle_, bytes(packet), packet.size(), to, static_cast<int>(size.cols), 0,
+                    static_cast<int>(size.rows), pixels, kSafely | TJFLAG_ACCURATEDCT) != 0) {
     refuse("damaged JPEG image");
   }
 }

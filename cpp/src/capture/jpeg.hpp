@@ -44,11 +44,15 @@ class JpegDecoder {
 
   /// @throws FormatError  no JPEG image, or a side longer than kMaxImageSide.
   ImageSize size(std::span<const std::byte> packet);
-  /// @param colour  (rows, cols, 3) R, G, B.
+  /// @param colour  (rows, cols, 3) R, G, B. Those of a CMYK image are computed without a colour
+  ///                profile, from inks that are stored inverted, as Adobe's programs do.
   /// @throws FormatError  no JPEG image, a damaged one, or one of another size than `size`.
   void decode(std::span<const std::byte> packet, ImageSize size, std::uint8_t* color);
 
  private:
+  struct Header;
+  Header header(std::span<const std::byte> packet);
+  void decompress(std::span<const std::byte> packet, ImageSize size, int pixels, std::uint8_t* to);
   [[noreturn]] void refuse(const char* action);
 
   void* handle_;

@@ -53,6 +53,13 @@ class Unplugged final : public openni::OpenNI::DeviceDisconnectedListener {
   std::atomic<bool> is_gone = false;
 };
 
+/// Which colour images a device has to give.
+enum class OpenNi2Color : std::uint8_t {
+  kRegistered,  ///< Images with the pixels of depth only.
+  kAny,         ///< Images with the pixels of depth, or else as they are.
+  kAsTaken      ///< Images as they are, for a calibration with a registration of its own.
+};
+
 /// An open device.
 class Device {
  public:
@@ -76,13 +83,10 @@ class Device {
 
   void start_depth() { check(depth_.start(), "cannot start depth"); }
 
-  /// @param as_it_is  true: also without registration.
-  void start_color(bool as_it_is) {
-    constexpr auto kRegistered = openni::IMAGE_REGISTRATION_DEPTH_TO_COLOR;
+  void start_color(OpenNi2Color wanted) {
+    const bool as_it_is = wanted != OpenNi2Color::kRegistered;
     if (!device_.hasSensor(openni::SENSOR_COLOR)) return;
-    const bool is_registered = device_.isImageRegistrationModeSupported(kRegistered) &&
-                               device_.setImageRegistrationMode(kRegistered) == openni::STATUS_OK;
-    if (!is_registered && !as_it_is) return;
+    if (!set_registration(wanted != OpenNi2Color::kAsTaken) && !as_it_is) return;
     if (color_.create(device_, openni::SENSOR_COLOR) != openni::STATUS_OK) return;
     color_.setMirroringEnabled(false);
     openni::VideoMode mode = color_.getVideoMode();
@@ -134,6 +138,15 @@ class Device {
   [[nodiscard]] bool is_depth(const openni::VideoStream* stream) const { return stream == &depth_; }
 
  private:
+  /// Switches the device's own registration, which moves depth to the pixels of colour; returns
+  /// whether it is as wanted.
+  bool set_registration(bool is_on) {
+    const auto mode =
+        is_on ? openni::IMAGE_REGISTRATION_DEPTH_TO_COLOR : openni::IMAGE_REGISTRATION_OFF;
+    return device_.isImageRegistrationModeSupported(mode) &&
+           device_.setImageRegistrationMode(mode) == openni::STATUS_OK;
+  }
+
   Session session_;
   Unplugged unplugged_;
   openni::Device device_;
@@ -173,7 +186,7 @@ class OpenNi2Camera final : public RgbdSource {
     auto device = std::make_unique<Device>(uri_);
     stored_ = given_ ? given_ : told_by(*device);
     calibration_ = unmirrored(stored_);
-    device->start_color(given_ != nullptr);
+    device->start_color(wanted_color());
     device->start_depth();
     device_ = std::move(device);
     last_number_ = 0;
@@ -198,6 +211,11 @@ class OpenNi2Camera final : public RgbdSource {
   }
 
  private:
+  [[nodiscard]] OpenNi2Color wanted_color() const {
+    if (!given_) return OpenNi2Color::kRegistered;
+    return given_->registration ? OpenNi2Color::kAsTaken : OpenNi2Color::kAny;
+  }
+
   [[nodiscard]] std::shared_ptr<const RgbdCalibration> told_by(const Device& device) const {
     auto told = std::make_shared<RgbdCalibration>(device.calibration());
     try {

@@ -57,6 +57,16 @@ void convert_color(const SdkImage& from, std::uint8_t* to) {
   }
 }
 
+/// A calibration without its registration, because the SDK has brought colour to the pixels of
+/// depth.
+std::shared_ptr<const RgbdCalibration> without_registration(
+    std::shared_ptr<const RgbdCalibration> given) {
+  if (!given || !given->registration) return given;
+  auto calibration = std::make_shared<RgbdCalibration>(*given);
+  calibration->registration.reset();
+  return calibration;
+}
+
 class SdkCamera final : public RgbdSource {
  public:
   /// @param silence  Longest time without images before the camera counts as unplugged; empty: a
@@ -65,7 +75,7 @@ class SdkCamera final : public RgbdSource {
             std::optional<milliseconds> silence)
       : scheme_(std::move(scheme)),
         open_(std::move(open)),
-        given_(std::move(given)),
+        given_(without_registration(std::move(given))),
         silence_(silence) {}
 
   [[nodiscard]] SourceCapabilities capabilities() const override { return {silence_.has_value()}; }

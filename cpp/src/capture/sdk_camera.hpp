@@ -69,7 +69,8 @@ using SdkOpener = std::function<std::unique_ptr<SdkDevice>()>;
 
 /// Opens a camera, which is read by a thread of its own. A camera without images for `silence`
 /// counts as unplugged. Counters: `frames`, `lost_by_camera` (gaps in the frame numbers),
-/// `without_color`, `damaged` (images of another size or kind than the camera's).
+/// `without_color`, `damaged` (images of another size or kind than the camera's). The registration
+/// of a given calibration is ignored: colour comes with the pixels of depth.
 std::unique_ptr<RgbdSource> open_sdk_camera(const std::string& scheme, SdkOpener open,
                                             const RgbdOptions& options,
                                             std::chrono::milliseconds silence);

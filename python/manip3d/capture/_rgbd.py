@@ -154,8 +154,8 @@ def open_rgbd(
     At most 300 frames of a background or motion are kept; they are played forwards and backwards in
     turn. If the background has no colour, no frame has.
 
-    A folder of images has depth images in ``depth`` and, optionally, colour images in ``color``,
-    ``colour``, ``rgb``, ``image`` or ``images``. The last two names may stand for any pictures, so
+    A folder of images has depth images in ``depth`` (PNG) and, optionally, colour images (PNG or
+    JPEG) in ``color``, ``colour``, ``rgb``, ``image`` or ``images``. The last two names may stand for any pictures, so
     that those that cannot be paired with depth images are left out. Colour pictures that are left
     out, also those in other folders, are warned of if no frame has colour.
 

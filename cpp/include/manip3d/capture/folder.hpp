@@ -23,9 +23,10 @@
 namespace manip3d {
 
 /// Opens `folder:`, a recording, or any folder with `depth/*.png` and optionally colour images in
-/// `color/`, `colour/`, `rgb/`, `image/` or `images/`, in the order of their names. A folder that
-/// is not a recording needs a calibration (`options.calibration`, or calibration.json). The counter
-/// `depth_of_8_bits` counts frames whose depth has 8 bits.
+/// `color/`, `colour/`, `rgb/`, `image/` or `images/`, in the order of their names. Other files
+/// in `depth/` are left out. A folder that is not a recording needs a calibration
+/// (`options.calibration`, or calibration.json). The counter `depth_of_8_bits` counts frames whose
+/// depth has 8 bits.
 ///
 /// If the names of depth images are times (in seconds with a fraction, or with so many digits that
 /// they count milliseconds or less since 1970), these are the times of the frames, and colour

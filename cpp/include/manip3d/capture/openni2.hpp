@@ -14,9 +14,10 @@ namespace manip3d {
 ///
 /// Depth is in OpenNI2's default mode. Colour is read if the device registers depth to colour, so
 /// that both have the same pixels. `options.calibration` replaces the camera that follows from the
-/// device's field of view; colour then is read without registration as well. Each depth image gets
-/// the last colour image, if they are at most 40 ms apart (the counter `without_color` counts the
-/// others). Mirroring is switched off, or undone.
+/// device's field of view; colour then is read without registration as well. If it has a
+/// registration, the device's own is switched off, so that colours are not moved twice. Each depth
+/// image gets the last colour image, if they are at most 40 ms apart (the counter `without_color`
+/// counts the others). Mirroring is switched off, or undone.
 /// @throws InputError  (start) the device has no field of view, and no calibration is given.
 /// @throws DeviceError  (start, read) no such device, unplugged, refused by the driver.
 std::unique_ptr<RgbdSource> open_openni2(const std::string& uri, const RgbdOptions& options);
