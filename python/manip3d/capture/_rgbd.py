@@ -102,7 +102,8 @@ def open_rgbd(
         ``dropped``. 2: twice as fast.
     camera : Intrinsics or RgbdCalibration, optional
         Camera of a folder of images that has no ``calibration.json``; for other files it replaces
-        the camera that they state. With a mirrored camera the images are flipped. Default for a
+        the camera that they state. With a mirrored camera the images are flipped. A
+        registration is ignored for cameras whose SDK registers colour to depth. Default for a
         folder without ``calibration.json``: the camera in ``intrinsic/intrinsic_depth.txt``
         (ScanNet) or ``camera_intrinsic.json`` (Open3D), if there is one. Default for such a
         ``tum:`` sequence: the camera that its folder's name states (``freiburg1`` to ``3``), or
@@ -155,9 +156,9 @@ def open_rgbd(
     turn. If the background has no colour, no frame has.
 
     A folder of images has depth images in ``depth`` (PNG) and, optionally, colour images (PNG or
-    JPEG) in ``color``, ``colour``, ``rgb``, ``image`` or ``images``. The last two names may stand for any pictures, so
-    that those that cannot be paired with depth images are left out. Colour pictures that are left
-    out, also those in other folders, are warned of if no frame has colour.
+    JPEG) in ``color``, ``colour``, ``rgb``, ``image`` or ``images``. The last two names may stand
+    for any pictures, so that those that cannot be paired with depth images are left out. Colour
+    pictures that are left out, also those in other folders, are warned of if no frame has colour.
 
     - Names that are times (in seconds with a fraction, or in smaller units since 1970) are the
       times of the frames, and images at most 0.02 s apart are paired, as in a TUM sequence; it is
