@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import json
 import os
@@ -130,10 +131,12 @@ def test_nothing_is_printed_about_a_file_that_is_cut(
     path = tmp_path / "walk.mkv"
     capture.record([frame_of(n) for n in range(4)], path)
     whole = path.read_bytes()
-    for left_out in range(500, 12_500, 1000):
-        cut = len(whole) // 2
-        path.write_bytes(whole[:cut] + whole[cut + left_out :])
-        with capture.open_rgbd(f"mkv:{path}") as source:
+    for size in (*range(500, 2000, 100), *range(len(whole) - 500, len(whole), 50)):
+        path.write_bytes(whole[:size])
+        with (
+            contextlib.suppress(manip3d.FormatError),
+            capture.open_rgbd(f"mkv:{path}") as source,
+        ):
             list(source)
     assert capfd.readouterr() == ("", "")
 
