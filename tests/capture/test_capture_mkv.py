@@ -114,7 +114,7 @@ def test_a_recording_without_frames_is_whole(tmp_path: Path) -> None:
         assert source.num_frames == len(source) == 0
         assert list(source) == []
         assert set(source.counters.values()) == {0}
-        with pytest.raises(IndexError):
+        with pytest.raises(IndexError, match="frame 0 of 0"):
             source[0]
     whole = path.read_bytes()
     path.write_bytes(whole.replace(hashlib.sha256().hexdigest().encode(), b"0" * 64))

@@ -186,7 +186,9 @@ class RgbdSource(FrameSource[RgbdFrame]):
         at, length = operator.index(index), self.num_frames
         at += length if at < 0 and length is not None else 0
         if at < 0 or (length is not None and at >= length):
-            raise IndexError(f"frame {index} of {length or 'an unknown number'}")
+            raise IndexError(
+                f"frame {index} of {'an unknown number' if length is None else length}"
+            )
         open_indexed = self._recorded(self._open_indexed)
         indexed = self._indexed  # read once, because another thread may stop the source
         if indexed is None:
