@@ -168,6 +168,14 @@ def test_printed_translation_lands_elsewhere() -> None:
     np.testing.assert_allclose(forged.points[forged.added], hoax + t, atol=1e-5)
 
 
+def test_printed_translation_leaves_out_firings_without_a_return() -> None:
+    returns, none = room() + np.float32([1, 2, 0]), np.zeros((500, 3), np.float32)
+    options = {"position": (4, 2, 1), "translation": "paper"}
+    forged = forge.ctp(np.concatenate([none, returns]), grid_plate(), **options)
+    expected = forge.ctp(returns, grid_plate(), **options).transform
+    np.testing.assert_allclose(forged.transform, expected, rtol=1e-12)
+
+
 @pytest.mark.parametrize("resampling", ["poisson", "uniform"])
 @pytest.mark.parametrize("factor", [1.5, 3.0])
 def test_thinning_reaches_the_spacing(resampling: str, factor: float) -> None:
@@ -669,6 +677,14 @@ def test_scans_that_are_not_finite(name: str, value: float) -> None:
         ),
         (lambda s: forge.deform(s, BOX, amplitude=np.nan), "amplitude"),
         (lambda s: forge.translation(s, BOX, distance=np.nan), "distance: expected a finite"),
+        (
+            lambda _: forge.translation([[9, 9, 9], [3, 1, 0]], BOX, distance=1e39),
+            "takes row 1 beyond the finite floats",
+        ),
+        (
+            lambda s: forge.additive(s, grid_plate(), offset=(1e39, 0, 0)),
+            "offset: takes points beyond the finite floats",
+        ),
         (lambda s: forge.rotation(s, BOX, angle=np.inf), "angle: expected a finite"),
         (lambda s: forge.rotation(s, BOX, sideways=np.nan), "sideways: expected a finite"),
         (lambda s: forge.insert_occluding(s, grid_plate(), position=(0, 0, 0)), "one side"),

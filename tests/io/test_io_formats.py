@@ -96,7 +96,8 @@ def test_obj_vertex_colors() -> None:
 
 
 def test_obj_numbers_are_exact() -> None:
-    texts = ["+1.5", "1e-3", "-.25", "5.", "0.1", "1e-400", "-0", "123456789.123456789"]
+    texts = ["+1.5", "1e-3", "-.25", "5.", "0.1", "1e-400", "-1e-5000", "-0"]
+    texts += ["123456789.123456789"]
     texts += ["2.2250738585072011e-308", "179769313486231570000e288", "1E5", "9007199254740993"]
     mesh = obj("".join(f"v {t} 0 0\n" for t in texts) + "f 1 2 3")
     assert mesh.vertices[:, 0].tolist() == [float(t) for t in texts]
@@ -123,6 +124,8 @@ def test_obj_skips_and_counts_what_it_does_not_know(tmp_path: Path) -> None:
         ("v 0 0 nan", "v: expected a finite number, got 'nan'"),
         ("v 0 inf 0", "v: expected a finite number, got 'inf'"),
         ("v 0 0 1e999", "v: expected a number that fits a double, got '1e999'"),
+        ("v 0 0 1e5000", "v: expected a number that fits a double, got '1e5000'"),
+        ("v 0 0 +-5", "v: expected a finite number, got '+-5'"),
         ("v 0 0 0x1", "v: expected a finite number, got '0x1'"),
         ("v 0 0 0 1 2", "v: expected 3, 4, 6 or 7 numbers, got the end of the line"),
         ("v 0 0 0 1 2 3 4 5", "v: expected 3, 4, 6 or 7 numbers, got '5'"),
@@ -1237,6 +1240,14 @@ def test_binary_stl_without_a_count_is_read_by_its_size(tmp_path: Path) -> None:
     assert read_mesh_bytes(open_ended + b"x", "stl").num_faces == 0
 
 
+def test_ascii_stl_without_endloop_is_read() -> None:
+    text = "solid a\n" + FACET.format("0 0 0", "1 0 0", "1 1 0").replace("endloop\n", "")
+    mesh = read_mesh_bytes((text + "endsolid a\n").encode(), "stl")
+    assert mesh.faces.tolist() == [[0, 1, 2]]
+    caught = error(text.replace("vertex 1 1 0\n", "") + text + "endsolid a\n", "stl")
+    assert (caught.line, caught.reason) == (6, "facet: expected 3 vertices, got 2")
+
+
 def test_ascii_stl_with_a_byte_order_mark() -> None:
     text = "solid a\n" + FACET.format("0 0 0", "1 0 0", "1 1 0") + "endsolid a\n"
     mesh = read_mesh_bytes(b"\xef\xbb\xbf" + text.encode(), "stl")
@@ -1370,7 +1381,7 @@ def test_a_format_that_is_not_read_is_not_taken_for_obj(
 
 
 COMMAS = {
-    ".obj": "v -0,5 1,25e1 2\nv 1 0 0\nv 0 1 ,5\nvt 0,25 1\nvn 0 0 1,0\nf 1/1/1 2/1/1 3/1/1\n",
+    ".obj": "v -0,5 1,25e1 2\nv 1 0 ,0e-400\nv 0 1 ,5\nvt 0,25 1\nvn 0 0 1\nf 1/1/1 2/1/1 3/1/1\n",
     ".off": "OFF\n3 1 0\n-0,5 1,25e1 2\n1 0 0\n0 1 ,5\n3 0 1 2\n",
     ".ply": (
         "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\n"

@@ -135,7 +135,8 @@ def test_columns_without_a_name_are_numbered(tmp_path: Path) -> None:
 
 
 def test_numbers_too_small_for_a_double_are_zero(tmp_path: Path) -> None:
-    assert read(tmp_path, "1 2 -1e-400\n3 +1e-400 4\n").points.tolist() == [[1, 2, 0], [3, 0, 4]]
+    text = "1 2 -1e-400\n3 +1e-5000 4\n"
+    assert read(tmp_path, text).points.tolist() == [[1, 2, 0], [3, 0, 4]]
 
 
 def test_what_files_do_not_name(tmp_path: Path) -> None:
@@ -283,6 +284,8 @@ def test_other_formats_become_text_and_back(tmp_path: Path) -> None:
         ("1 2 3\n1 2 3e999\n", 2, "expected a number"),
         ("1 2 3\n1 2 -3e4999\n", 2, "expected a number"),
         ("1 2 3\n1 2 1e-400x\n", 2, "expected a number"),
+        ("1 2 3\n1 2 +-5\n", 2, "expected a number"),
+        ("1 2 3\n1 2 +-inf\n", 2, "expected a number"),
         ("1;2;3\n1;2;1.234,5\n", 2, "expected a number"),
         ("1,5 2,5 3,5\n1 2 1,234,5\n", 2, "expected a number"),
         ("1 2 3\n1 2 3," + "5" * 64 + "\n", 2, "expected a number"),

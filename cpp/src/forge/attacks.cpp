@@ -31,18 +31,40 @@ Vector3d sum_of(const PointsView& view, std::int64_t begin, std::int64_t end) {
   return sum;
 }
 
-Vector3d centroid(const PointsView& view, int num_threads, const Progress& progress) {
-  const std::int64_t count = view.num_points();
-  std::vector<Vector3d> sums((count + kPointChunk - 1) / kPointChunk);
+// All points of an object: one of them may be its own origin.
+Vector3d centroid_of_object(const PointsView& object) {
+  Vector3d total = Vector3d::Zero();
+  for (std::int64_t begin = 0; begin < object.num_points(); begin += kPointChunk) {
+    total += sum_of(object, begin, std::min(begin + kPointChunk, object.num_points()));
+  }
+  return total / static_cast<double>(std::max<std::int64_t>(object.num_points(), 1));
+}
+
+// The points of a scan, without firings that met nothing.
+Vector3d centroid_of_returns(const PointsView& scan, int num_threads, const Progress& progress) {
+  struct Part {
+    Vector3d sum;
+    std::int64_t num_returns = 0;
+  };
+  const std::int64_t count = scan.num_points();
+  std::vector<Part> parts((count + kPointChunk - 1) / kPointChunk);
   parallel_chunks(
       count, kPointChunk, num_threads,
       [&](std::int64_t begin, std::int64_t end) {
-        sums[begin / kPointChunk] = sum_of(view, begin, end);
+        Part& part = parts[begin / kPointChunk];
+        part.sum = sum_of(scan, begin, end);
+        for (std::int64_t i = begin; i < end; ++i) {
+          const auto p = scan.points.row(i);
+          part.num_returns += !is_no_return(p.x(), p.y(), p.z());
+        }
       },
       progress);
-  Vector3d total = Vector3d::Zero();
-  for (const Vector3d& sum : sums) total += sum;
-  return total / static_cast<double>(std::max<std::int64_t>(count, 1));
+  Part all{Vector3d::Zero()};
+  for (const Part& part : parts) {
+    all.sum += part.sum;
+    all.num_returns += part.num_returns;
+  }
+  return all.sum / static_cast<double>(std::max<std::int64_t>(all.num_returns, 1));
 }
 
 bool is_rotation(const Matrix3d& r) {
@@ -164,17 +186,20 @@ Matrix4d placement_transform(const PointsView& scene, const PointsView& object,
   }
   if (object.num_points() == 0) throw InputError("hoax: expected points, got none");
   const Matrix3d linear = placement.scale * placement.rotation;
-  const Vector3d o_object = centroid(object, 1, progress);
+  const Vector3d o_object = centroid_of_object(object);
   Matrix4d transform = Matrix4d::Identity();
   transform.topLeftCorner<3, 3>() = linear;
-  const bool paper = placement.translation == Translation::kPaper;
-  transform.topRightCorner<3, 1>() =
-      paper ? Vector3d(placement.position - (centroid(scene, num_threads, progress) - o_object))
-            : Vector3d(placement.position - linear * o_object);
+  if (placement.translation == Translation::kPaper) {
+    const Vector3d o_scene = centroid_of_returns(scene, num_threads, progress);
+    transform.topRightCorner<3, 1>() = placement.position - (o_scene - o_object);
+  } else {
+    transform.topRightCorner<3, 1>() = placement.position - linear * o_object;
+  }
   return transform;
 }
 
-Points transformed(const Eigen::Ref<const Points>& points, const Matrix4d& transform) {
+Points transformed(const Eigen::Ref<const Points>& points, const Matrix4d& transform,
+                   const std::vector<std::int32_t>& rows) {
   const Matrix3d linear = transform.topLeftCorner<3, 3>();
   const Vector3d translation = transform.topRightCorner<3, 1>();
   Points result(points.rows(), 3);
@@ -182,7 +207,8 @@ Points transformed(const Eigen::Ref<const Points>& points, const Matrix4d& trans
     const Vector3d p = linear * points.row(i).transpose().cast<double>() + translation;
     result.row(i) = p.cast<float>();
     if (!result.row(i).allFinite()) {
-      throw InputError("transform: takes row " + std::to_string(i) + " beyond the finite floats");
+      const Eigen::Index row = rows.empty() ? i : rows[static_cast<std::size_t>(i)];
+      throw InputError("transform: takes row " + std::to_string(row) + " beyond the finite floats");
     }
   }
   return result;
@@ -272,7 +298,7 @@ Forgery move_box(const PointsView& scene, const OrientedBox& box, const Matrix4d
   }
   Edit edit;
   edit.moved = points_in_box(scene, box, num_threads, progress);
-  edit.moved_to = transformed(take(scene, edit.moved), transform);
+  edit.moved_to = transformed(take(scene, edit.moved), transform, edit.moved);
   Forgery forged = apply_edit(scene, std::move(edit), num_threads, progress);
   forged.transform = transform;
   return forged;

@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <array>
-#include <charconv>
 #include <cmath>
 #include <cstdint>
 #include <functional>
@@ -19,6 +18,7 @@
 #include "parse/input_buffer.hpp"
 #include "parse/letters.hpp"
 #include "parse/line_cursor.hpp"
+#include "parse/number.hpp"
 
 namespace manip3d {
 namespace {
@@ -48,10 +48,10 @@ constexpr MapOption kMapOptions[] = {
 
 // The finite number that a whole word stands for, if it stands for one.
 std::optional<double> number_of(std::string_view word) {
-  if (word.starts_with('+') && !word.starts_with("+-")) word.remove_prefix(1);
+  word = without_plus(word);
   const char* const end = word.data() + word.size();
   double number = 0.0;
-  const auto [parsed, error] = std::from_chars(word.data(), end, number);
+  const auto [parsed, error] = to_double(word, number);
   if (error != std::errc() || parsed != end || !std::isfinite(number)) return std::nullopt;
   return number;
 }

@@ -9,6 +9,7 @@
 #include <type_traits>
 
 #include "parse/line_cursor.hpp"
+#include "parse/number.hpp"
 
 namespace manip3d {
 namespace {
@@ -43,10 +44,9 @@ void with_type(FieldType type, F f) {
 template <typename T>
 T parsed(std::string_view word, LineCursor& at_word, const PointField& field) {
   T value{};
-  const char* begin = word.data();
-  const char* end = begin + word.size();
-  if (begin < end && *begin == '+') ++begin;
-  const auto [stop, error] = std::from_chars(begin, end, value);
+  const std::string_view text = without_plus(word);
+  const char* const end = text.data() + text.size();
+  const auto [stop, error] = std::from_chars(text.data(), end, value);
   if constexpr (std::is_floating_point_v<T>) {
     if (error == std::errc::result_out_of_range) return at_word.number(field.name.c_str());
   }

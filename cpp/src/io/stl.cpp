@@ -179,7 +179,8 @@ class StlReader {
   }
 
   // Reads solid, facet normal, outer loop, vertex x y z (three times), endloop, endfacet, endsolid.
-  // Only the vertices between loops matter; other lines are ignored.
+  // Only the vertices between loops matter; other lines are ignored. Some programs write no
+  // endloop.
   void read_ascii() {
     std::string_view line;
     std::size_t num_corners = 0;
@@ -194,7 +195,8 @@ class StlReader {
         const double z = cursor.number("vertex");
         corners_[num_corners++].vertex = vertices_.index({x, y, z}, input_);
         ended = false;
-      } else if (is_same_in_any_case(keyword, "endloop")) {
+      } else if (is_same_in_any_case(keyword, "endloop") ||
+                 (num_corners > 0 && is_same_in_any_case(keyword, "endfacet"))) {
         if (num_corners != 3) {
           input_.fail_at_line("facet: expected 3 vertices, got " + std::to_string(num_corners));
         }

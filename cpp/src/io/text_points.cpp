@@ -15,6 +15,7 @@
 #include "parse/input_buffer.hpp"
 #include "parse/letters.hpp"
 #include "parse/line_cursor.hpp"
+#include "parse/number.hpp"
 
 namespace manip3d {
 namespace {
@@ -85,7 +86,7 @@ bool is_hexadecimal(std::string_view text) {
 /// integer of this type.
 template <typename Integer>
 bool to_integer(std::string_view text, Integer& value) {
-  if (!text.empty() && text.front() == '+') text.remove_prefix(1);
+  text = without_plus(text);
   const bool is_hex = is_hexadecimal(text);
   if (is_hex) text.remove_prefix(2);
   if (is_hex && text.starts_with("-")) return false;
@@ -97,7 +98,7 @@ bool to_integer(std::string_view text, Integer& value) {
 /// Parses a number, NaN and infinity included. A number that is too small for a double is zero; one
 /// that is too large is refused. Returns false if the text is no such number.
 bool to_number(std::string_view text, double& value) {
-  if (!text.empty() && text.front() == '+') text.remove_prefix(1);
+  text = without_plus(text);
   if (is_hexadecimal(text)) {
     std::uint64_t whole = 0;
     const bool is_whole = to_integer(text, whole);
@@ -105,13 +106,7 @@ bool to_number(std::string_view text, double& value) {
     return is_whole;
   }
   const char* const end = text.data() + text.size();
-  const auto [stop, error] = std::from_chars(text.data(), end, value);
-  if (error == std::errc::result_out_of_range) {
-    long double wide = 0.0L;
-    const auto again = std::from_chars(text.data(), end, wide);
-    value = 0.0;
-    return again.ec == std::errc() && stop == end && std::fabs(wide) < 1.0L;
-  }
+  const auto [stop, error] = to_double(text, value);
   return error == std::errc() && stop == end;
 }
 

@@ -7,6 +7,7 @@
 #include <string_view>
 
 #include "manip3d/error.hpp"
+#include "parse/number.hpp"
 
 namespace manip3d {
 
@@ -50,12 +51,11 @@ class LineCursor {
   /// decimal comma.
   double number(const char* what) {
     skip_blanks();
-    const char* start = at_;
-    if (start < end_ && *start == '+') ++start;
+    const std::string_view text = without_plus(unread());
     double value = 0.0;
-    const auto [stop, error] = std::from_chars(start, end_, value);
-    if (stop < end_ && *stop == ',') return with_decimal_comma(start, what);
-    if (error == std::errc::result_out_of_range) return extreme(start, stop, what);
+    const auto [stop, error] = to_double(text, value);
+    if (stop < end_ && *stop == ',') return with_decimal_comma(text, what);
+    if (error == std::errc::result_out_of_range) fail(what, "a number that fits a double");
     if (error != std::errc() || (stop < end_ && !is_blank(*stop)) || !std::isfinite(value)) {
       fail(what, "a finite number");
     }
@@ -66,10 +66,8 @@ class LineCursor {
   /// Reads an integer of 64 bits.
   std::int64_t integer(const char* what) {
     skip_blanks();
-    const char* start = at_;
-    if (start < end_ && *start == '+') ++start;
     std::int64_t value = 0;
-    const auto [stop, error] = std::from_chars(start, end_, value);
+    const auto [stop, error] = std::from_chars(without_plus(unread()).data(), end_, value);
     if (error != std::errc() || (stop < end_ && !is_blank(*stop))) fail(what, "an integer");
     at_ = stop;
     return value;
@@ -99,6 +97,10 @@ class LineCursor {
   }
 
  private:
+  [[nodiscard]] std::string_view unread() const {
+    return {at_, static_cast<std::size_t>(end_ - at_)};
+  }
+
   void skip_blanks() {
     while (at_ < end_ && is_blank(*at_)) ++at_;
   }
@@ -106,11 +108,13 @@ class LineCursor {
   /// Takes a word for a value that is not finite and whose name begins with this small letter.
   bool take_not_finite(char letter) {
     skip_blanks();
-    const char* start = at_;
-    if (start < end_ && (*start == '+' || *start == '-')) ++start;
-    if (start == end_ || (*start != letter && *start != letter - 'a' + 'A')) return false;
+    const std::string_view text = without_plus(unread());
+    const std::string_view name = text.starts_with('-') ? text.substr(1) : text;
+    if (!name.starts_with(letter) && !name.starts_with(static_cast<char>(letter - 'a' + 'A'))) {
+      return false;
+    }
     double value = 0.0;
-    const auto [stop, error] = std::from_chars(start, end_, value);
+    const auto [stop, error] = std::from_chars(text.data(), end_, value);
     if (error != std::errc() || (stop < end_ && !is_blank(*stop)) || std::isfinite(value)) {
       return false;
     }
@@ -118,10 +122,10 @@ class LineCursor {
     return true;
   }
 
-  double with_decimal_comma(const char* start, const char* what) {
-    const char* stop = start;
+  double with_decimal_comma(std::string_view text, const char* what) {
+    const char* stop = text.data();
     while (stop < end_ && !is_blank(*stop)) ++stop;
-    std::string digits(start, stop);
+    std::string digits(text.data(), stop);
     const std::size_t comma = digits.find(',');
     // Refuses "1,000.5", and a comma between numbers, as in "1, 2, 3" and "1,2,3".
     if (digits.find('.') != std::string::npos || comma + 1 == digits.size()) {
@@ -129,20 +133,12 @@ class LineCursor {
     }
     digits[comma] = '.';
     double value = 0.0;
-    const char* end = digits.data() + digits.size();
-    const auto [last, error] = std::from_chars(digits.data(), end, value);
-    if (error != std::errc() || last != end) fail(what, "a finite number");
+    const auto [last, error] = to_double(digits, value);
+    if (error != std::errc() || last != digits.data() + digits.size()) {
+      fail(what, "a finite number");
+    }
     at_ = stop;
     return value;
-  }
-
-  // A number that is too small for a double is zero; one that is too large is an error.
-  double extreme(const char* start, const char* stop, const char* what) {
-    long double value = 0.0L;
-    const auto error = std::from_chars(start, end_, value).ec;
-    if (error != std::errc() || std::fabs(value) > 1.0L) fail(what, "a number that fits a double");
-    at_ = stop;
-    return static_cast<double>(value);
   }
 
   const char* at_;

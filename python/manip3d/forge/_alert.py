@@ -432,12 +432,15 @@ def _shifted(added: Scan, offset: ArrayLike) -> Scan:
     shift = vector(offset, 3, "offset")
     if not len(added.points):
         raise InputError("object_points: expected points, got none")
-    return added._replace(points=(added.points + shift).astype(np.float32))
+    shifted = added.points + shift
+    if np.abs(shifted).max() > np.finfo(np.float32).max:
+        raise InputError("offset: takes points beyond the finite floats")
+    return added._replace(points=shifted.astype(np.float32))
 
 
 def _check_free(
     scene: Scan,
-    points: NDArray[np.float32],
+    points: NDArray[np.float32] | NDArray[np.float64],
     threads: int,
     *,
     argument: str = "offset",
@@ -477,7 +480,7 @@ def _check_destination(
     leaving = _core.points_in_box(scene.points, box_arguments(box), threads_of(threads))
     if not len(leaving):
         return
-    arriving = moved(scene.points[leaving].astype(np.float64), transform).astype(np.float32)
+    arriving = moved(scene.points[leaving].astype(np.float64), transform)
     _check_free(scene, arriving, threads, argument=argument, leaving=leaving, yaw=box.yaw + yaw)
 
 

@@ -55,7 +55,7 @@ def ctp(
     scan : LidarFrame, (N, 3) or (N, 4) float32
         Metres; a fourth column is intensity.
     hoax : Mesh, LidarFrame or (K, 3) array
-        Object to paste; of a mesh, the vertices.
+        Object to paste; of a mesh, the vertices. A point at its origin is a point like others.
     position : (3,) metres
         Position of the pasted object, P_object, in the scan's frame.
     rotation : float or (3, 3)
@@ -65,7 +65,7 @@ def ctp(
     translation : 'centroid' or 'paper'
         ``centroid``: t = P_object - R s o_object, which moves the hoax's centroid to the position
         (R: rotation, s: scale, o: centroids). ``paper``: t = P_object - (o_scene - o_object) as
-        printed, which moves it elsewhere.
+        printed, which moves it elsewhere; o_scene is the centroid of the scan's returns.
     intensity : float or (K,)
         Intensity of the appended points if the scan has intensities.
     threads : int

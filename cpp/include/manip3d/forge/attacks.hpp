@@ -40,7 +40,9 @@ Eigen::Matrix4d placement_transform(const PointsView& scene, const PointsView& o
 
 /// Returns the transformed points. They are computed in double and rounded once.
 /// @throws InputError  a transformed coordinate is not a finite float.
-Points transformed(const Eigen::Ref<const Points>& points, const Eigen::Matrix4d& transform);
+/// @param rows  the rows of a scan that the points are, which an error names; empty: their own.
+Points transformed(const Eigen::Ref<const Points>& points, const Eigen::Matrix4d& transform,
+                   const std::vector<std::int32_t>& rows = {});
 
 /// Copy-Transform-Paste: the object's points, transformed and appended.
 /// @throws InputError  the points fail check_points; see placement_transform.
