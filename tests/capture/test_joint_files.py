@@ -500,6 +500,25 @@ def test_joined_recordings_are_sources_like_others(tmp_path: Path) -> None:
         assert [len(frame.skeletons) for frame in source] == [1] * COUNT
 
 
+def test_a_recording_that_cannot_be_sought_is_closed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = capture.export_joints(recorded(tmp_path / "walk"), tmp_path / "walk.csv").path
+
+    closed = []
+
+    def cannot_seek(self: capture.RgbdSource, index: int) -> None:
+        raise OSError(5, "Input/output error")
+
+    with capture.open_rgbd(f"joints:{tmp_path / 'walk'}#{file}") as source:
+        source.seek(2)
+        monkeypatch.setattr(capture.RgbdSource, "seek", cannot_seek)
+        monkeypatch.setattr(capture.RgbdSource, "_close", lambda self: closed.append(self.uri))
+        with pytest.raises(OSError, match="Input/output error"):
+            next(iter(source))
+        assert closed == [f"folder:{tmp_path / 'walk'}"]
+
+
 def test_commands_take_joined_recordings(tmp_path: Path) -> None:
     frames = recorded(tmp_path / "walk")
     capture.export_joints(frames, tmp_path / "walk.csv")

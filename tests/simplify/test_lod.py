@@ -162,6 +162,13 @@ def test_errors_and_coverages_that_do_not_fit_the_levels_are_refused(
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.parametrize("name", ["levels", "levels.glb"])
+def test_levels_that_grow_are_refused(name: str, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"levels: expected the finest first, got \[\d+, \d+\]"):
+        io.write_lods([hills(4), hills()], tmp_path / name)
+    assert not list(tmp_path.iterdir())
+
+
 @pytest.mark.parametrize("most", [3, 64, 65535])
 def test_primitives_of_limited_size(most: int, tmp_path: Path) -> None:
     mesh = Mesh(*grid(300, 300)) if most == 65535 else hills()

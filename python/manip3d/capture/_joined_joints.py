@@ -198,8 +198,12 @@ class _JoinedFrames(Iterator[RgbdFrame]):
     def _opened(self) -> RgbdSource:
         self._has_ended = True  # if it cannot be opened
         source = self._joined._opened()
-        if self._start:
-            source.seek(self._start)
+        try:
+            if self._start:
+                source.seek(self._start)
+        except BaseException:
+            source._close()
+            raise
         self._has_ended = False
         return source
 

@@ -82,8 +82,10 @@ def write_lods(
     scenes = [level for level in levels if isinstance(level, Scene)]
     meshes = [level for level in levels if isinstance(level, Mesh)]
     if coverages is None:
-        finest = max(1, levels[0].num_faces)
-        coverages = [*(level.num_faces / finest for level in levels[1:]), 0.0]
+        counts = [level.num_faces for level in levels]
+        if any(finer < coarser for finer, coarser in pairwise(counts)):
+            raise InputError(f"levels: expected the finest first, got {counts} faces")
+        coverages = [*(count / max(1, counts[0]) for count in counts[1:]), 0.0]
     shares = [float(share) for share in coverages]
     _check_shares(shares, len(levels))
     if errors is not None:

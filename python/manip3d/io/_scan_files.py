@@ -250,6 +250,7 @@ def write_scan(frame: LidarFrame, path: str | os.PathLike[str]) -> None:
       shifted near 0, and the shift is in the pose.
     - PTX holds colours. ``.pts`` has colours in its last columns, ``.xyzrgb`` only colours and
       ``.xyzn`` only normals. ``.xyz``, ``.xyzi``, ``.asc`` and ``.txt`` hold only the intensity.
+    - PLY has no integers of 64 bits, and leaves such columns out.
     - ``.npz`` is a point cloud that Open3D reads.
     - PCD holds the scanner's position, and E57 and PTX do in the pose: their points are relative to
       the scanner. KITTI, nuScenes and 3DTK files say that it is the origin; others do not state it.
