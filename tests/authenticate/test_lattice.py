@@ -405,6 +405,30 @@ def test_rows_that_were_shifted_round_are_in_order(clean: np.ndarray, rows: int)
     assert set(moved.suspected) == {(len(clean) - 40 + k + rows) % len(clean) for k in range(40)}
 
 
+@pytest.mark.parametrize("degrees", [0.3, 0.9, 33.98, -0.05])
+def test_rings_of_a_turned_scan_begin_together(clean: np.ndarray, degrees: float) -> None:
+    """Wherever the common start is, also between two whole degrees and just before azimuth 0."""
+    turned = clean.astype(np.float64) @ _core.rotation_about_z(math.radians(degrees)).T
+    result = judged(turned.astype(np.float32))
+    assert result.verdict != "tampered"
+    assert result.evidence["order"].strength <= 1.0  # a point that was turned past the start
+
+
+@pytest.mark.parametrize("first", [0, 1, 500, 3990])
+def test_rings_may_be_written_in_the_order_of_the_encoder(clean: np.ndarray, first: int) -> None:
+    """Lasers that point ahead of others reach azimuth 0 later: their rings begin elsewhere."""
+    reading = LATTICE.read(clean)
+    by_count = np.lexsort(((reading.count - first) % LATTICE.steps, reading.ring))
+    scan = clean[by_count]
+    result = judged(scan)
+    assert result.verdict == "no_trace"
+    assert result.evidence["order"].strength == 0.0
+    forged = np.vstack([np.delete(scan, np.arange(5000, 5040), axis=0), scan[5000:5040]])
+    moved = judged(forged)
+    assert moved.evidence["order"].strength == 40.0
+    assert set(moved.suspected) == set(range(len(clean) - 40, len(clean)))
+
+
 def test_clean_ranges_around_an_edit_are_no_regions_of_their_own() -> None:
     """One range of fifteen is off the steps in a clean scan; next to an edit this means nothing."""
     rng = np.random.default_rng(1)
@@ -436,20 +460,39 @@ def test_ranges_that_the_scanner_cannot_print(clean: np.ndarray) -> None:
     assert all(result.evidence[k].strength == 0.0 for k in ("line", "step", "firing", "duplicate"))
 
 
+def moved_along_rays(clean: np.ndarray, shift: float) -> tuple[np.ndarray, np.ndarray]:
+    """A scan with points nearer or farther by less than rounding tells, and the rows of these."""
+    rows = box_of(clean, 1.0, 0.12, 0.6) & (np.hypot(clean[:, 0], clean[:, 1]) > 14.0)
+    far = clean[rows].astype(np.float64)
+    forged = clean.copy()
+    forged[rows] = scans.rounded(far * (1.0 + shift / np.linalg.norm(far, axis=1, keepdims=True)))
+    return forged, rows
+
+
 @pytest.mark.parametrize("shift", [0.05, -0.06])
 def test_points_moved_along_rays_drift_off_the_lines(clean: np.ndarray, shift: float) -> None:
     """By whole steps of the range and less than rounding: no single point tells."""
-    rows = box_of(clean, 1.0, 0.12, 0.6) & (np.hypot(clean[:, 0], clean[:, 1]) > 14.0)
-    far = clean[rows].astype(np.float64)
-    moved = far * (1.0 + shift / np.linalg.norm(far, axis=1, keepdims=True))
-    forged = clean.copy()
-    forged[rows] = scans.rounded(moved)
+    forged, rows = moved_along_rays(clean, shift)
     result = judged(forged)
     assert result.verdict == "tampered"
     assert all(result.evidence[k].strength == 0.0 for k in ("line", "step", "duplicate"))
     assert result.evidence["drift"].strength > 10.5
     assert rows[result.suspected].mean() > 0.9
     assert judged(clean).evidence["drift"].strength == 0.0
+
+
+@pytest.mark.parametrize(("shift", "bias"), [(0.05, 0.0006), (-0.06, -0.0006)])
+def test_drift_is_what_exceeds_the_mean_of_a_laser(
+    clean: np.ndarray, shift: float, bias: float
+) -> None:
+    """Lines that are a little too high or low move the errors of all points to one side."""
+    forged, rows = moved_along_rays(clean, shift)
+    biased = SensorLattice(**{**vars(LATTICE), "offset": LATTICE.offset + bias})
+    result = generic_consistency(forged, lattice=biased)
+    assert result.verdict == "tampered"
+    assert rows[result.suspected].mean() > 0.9
+    assert len(result.suspected) > 0.7 * rows.sum()
+    assert generic_consistency(clean, lattice=biased).evidence["drift"].strength == 0.0
 
 
 def off_places(points: np.ndarray) -> np.ndarray:

@@ -27,24 +27,11 @@ struct DriftTally {
   float doubt = 0.0F;
 };
 
-// Mean line error of each laser, metres.
-std::vector<double> mean_errors(const LatticeReading& reading, std::size_t num_lasers) {
-  std::vector<std::int32_t> points(num_lasers, 0);
-  std::vector<double> means(num_lasers, 0.0);
-  for (std::int32_t i = 0; i < reading.ring.size(); ++i) {
-    if (!is_near_line(reading, i)) continue;
-    ++points[reading.ring(i)];
-    means[reading.ring(i)] += reading.line_error(i);
-  }
-  for (std::size_t ring = 0; ring < means.size(); ++ring) means[ring] /= std::max(points[ring], 1);
-  return means;
-}
-
 // Sums of line errors by voxel, without the mean of each laser.
 std::vector<DriftTally> drift_tallies(const PointsView& points, const LatticeReading& reading,
                                       const ScanLattice& lattice, std::size_t num_voxels,
-                                      const std::vector<std::int32_t>& voxel_of_point) {
-  const std::vector<double> means = mean_errors(reading, lattice.rings.size());
+                                      const std::vector<std::int32_t>& voxel_of_point,
+                                      const std::vector<double>& means) {
   std::vector<DriftTally> tallies(num_voxels);
   for (std::int32_t i = 0; i < points.num_points(); ++i) {
     if (!is_near_line(reading, i)) continue;
@@ -83,12 +70,25 @@ DriftTally drift_window(const std::vector<DriftTally>& tallies, const RangeVoxel
 
 }  // namespace
 
+std::vector<double> mean_line_errors(const LatticeReading& reading, std::size_t num_lasers) {
+  std::vector<std::int32_t> points(num_lasers, 0);
+  std::vector<double> means(num_lasers, 0.0);
+  for (std::int32_t i = 0; i < reading.ring.size(); ++i) {
+    if (!is_near_line(reading, i)) continue;
+    ++points[reading.ring(i)];
+    means[reading.ring(i)] += reading.line_error(i);
+  }
+  for (std::size_t ring = 0; ring < means.size(); ++ring) means[ring] /= std::max(points[ring], 1);
+  return means;
+}
+
 std::vector<float> drift_deviations(const PointsView& points, const LatticeReading& reading,
                                     const ScanLattice& lattice, const RangeVoxels& voxels,
-                                    const std::vector<std::int32_t>& voxel_of_point) {
+                                    const std::vector<std::int32_t>& voxel_of_point,
+                                    const std::vector<double>& means) {
   const double rounding = kRoundingShare * lattice.coordinate_step;
   const std::vector<DriftTally> tallies =
-      drift_tallies(points, reading, lattice, voxels.size(), voxel_of_point);
+      drift_tallies(points, reading, lattice, voxels.size(), voxel_of_point, means);
   std::vector<float> deviations(voxels.size(), 0.0F);
   std::vector<float> sizes;
   for (std::size_t k = 0; k < voxels.size(); ++k) {

@@ -12,57 +12,83 @@ namespace {
 // Radians: rounding x and y to 1 mm rotates a point 1 m away by less than this.
 constexpr float kAzimuthRounding = 1e-3F;
 
-// Bins of azimuth in which the starts of rings are counted.
-constexpr int kStartBins = 360;
+// Rings begin together if most of their first azimuths are in a window of this width, radians.
+constexpr float kStartSpan = kFullTurnF / 360.0F;
 constexpr std::size_t kMinStarts = 8;
 
-// Azimuth at which most rings of the file begin: 0 in KITTI's files, the angle of rotation if the
-// frame was rotated about the vertical, and 0 if most rings have no common start.
-float first_azimuth(const LatticeReading& reading) {
-  std::vector<float> starts;
-  for (Eigen::Index i = 1; i < reading.ring.size(); ++i) {
-    if (reading.ring(i - 1) >= 0 && reading.ring(i) == reading.ring(i - 1) + 1) {
-      starts.push_back(reading.azimuth(i));
-    }
+// Where each point of a file is on its ring, radians in [0, 2 pi]; negative: it is not judged.
+struct Places {
+  const Indices& ring;
+  std::vector<float> angle;
+};
+
+Places places_by_azimuth(const LatticeReading& reading) {
+  Places places{reading.ring, std::vector<float>(reading.ring.size(), -1.0F)};
+  for (Eigen::Index i = 0; i < reading.ring.size(); ++i) {
+    if (reading.ring(i) >= 0) places.angle[i] = reading.azimuth(i);
   }
-  if (starts.size() < kMinStarts) return 0.0F;
-  const auto bin_of = [](float azimuth) {
-    return std::min(static_cast<int>(azimuth * (kStartBins / kFullTurnF)), kStartBins - 1);
-  };
-  std::vector<std::size_t> bins(kStartBins, 0);
-  for (const float azimuth : starts) ++bins[bin_of(azimuth)];
-  const auto most = std::max_element(bins.begin(), bins.end());
-  if (2 * *most < starts.size() || most == bins.begin()) return 0.0F;
-  float first = kFullTurnF;
-  for (const float azimuth : starts) {
-    if (bin_of(azimuth) == most - bins.begin()) first = std::min(first, azimuth);
-  }
-  return first;
+  return places;
 }
 
-// Sort key: ring, then azimuth. The bits of a non-negative float grow with its value.
-std::uint64_t place_of(const LatticeReading& reading, std::int32_t i, float first) {
-  const auto ring = static_cast<std::uint64_t>(reading.ring(i));
-  const float ahead = reading.azimuth(i) - first;
+// Lasers that point ahead of others reach azimuth 0 at a later count of the encoder than these.
+Places places_by_count(const LatticeReading& reading, double azimuth_step) {
+  Places places{reading.ring, std::vector<float>(reading.ring.size(), -1.0F)};
+  for (Eigen::Index i = 0; i < reading.ring.size(); ++i) {
+    if (reading.count(i) >= 0) {
+      places.angle[i] = static_cast<float>(reading.count(i) * azimuth_step);
+    }
+  }
+  return places;
+}
+
+// Angle at which most rings of the file begin: 0 in KITTI's files, the angle of rotation if the
+// frame was rotated about the vertical, and 0 if most rings have no common start.
+float common_start(const Places& places) {
+  std::vector<float> starts;
+  for (Eigen::Index i = 1; i < places.ring.size(); ++i) {
+    if (places.ring(i - 1) >= 0 && places.ring(i) == places.ring(i - 1) + 1 &&
+        places.angle[i] >= 0.0F) {
+      starts.push_back(places.angle[i]);
+    }
+  }
+  const std::size_t n = starts.size();
+  if (n < kMinStarts) return 0.0F;
+  std::sort(starts.begin(), starts.end());
+  for (std::size_t i = 0; i < n; ++i) starts.push_back(starts[i] + kFullTurnF);
+  std::size_t first = 0, most = 0, end = 0;
+  for (std::size_t begin = 0; begin < n; ++begin) {
+    while (end < begin + n && starts[end] < starts[begin] + kStartSpan) ++end;
+    if (end - begin > most) {
+      most = end - begin;
+      first = begin;
+    }
+  }
+  return 2 * most < n ? 0.0F : starts[first];
+}
+
+// Sort key: ring, then angle. The bits of a non-negative float grow with its value.
+std::uint64_t key_of(const Places& places, std::int32_t i, float start) {
+  const auto ring = static_cast<std::uint64_t>(places.ring(i));
+  const float ahead = places.angle[i] - start;
   return ring << 32U | std::bit_cast<std::uint32_t>(ahead < 0.0F ? ahead + kFullTurnF : ahead);
 }
 
 // The row at which the order begins. It is the first row, or, if the rows were shifted cyclically,
-// the one at which the order returns to its smallest place.
-std::int32_t first_row(const LatticeReading& reading, float first) {
+// the one at which the order returns to its smallest key.
+std::int32_t first_row(const Places& places, float start) {
   constexpr std::uint64_t kNone = ~std::uint64_t{0};
   std::int32_t row = 0, previous = -1;
   std::uint64_t front = 0, back = 0, lowest = kNone;
-  for (std::int32_t i = 0; i < reading.ring.size(); ++i) {
-    if (reading.ring(i) < 0) continue;
-    const std::uint64_t place = place_of(reading, i, first);
-    if (previous < 0) front = place;
-    if (previous >= 0 && reading.ring(i) < reading.ring(previous) && place < lowest) {
-      lowest = place;
+  for (std::int32_t i = 0; i < places.ring.size(); ++i) {
+    if (places.angle[i] < 0.0F) continue;
+    const std::uint64_t key = key_of(places, i, start);
+    if (previous < 0) front = key;
+    if (previous >= 0 && places.ring(i) < places.ring(previous) && key < lowest) {
+      lowest = key;
       row = i;
     }
     previous = i;
-    back = place;
+    back = key;
   }
   return back <= front && lowest <= front ? row : 0;
 }
@@ -78,26 +104,26 @@ struct Chain {
   std::vector<std::int32_t> points;
 };
 
-// The longest non-descending subsequence of the points with a ring [Fredman 1975].
-Chain longest_in_order(const LatticeReading& reading, float first) {
-  const auto n = static_cast<std::int32_t>(reading.ring.size());
-  std::vector<std::uint64_t> ends;  // ends[k]: smallest last place of a subsequence of length k + 1
-  std::vector<std::int32_t> last;   // the point with that place
+// The longest non-descending subsequence of the points that are judged [Fredman 1975].
+Chain longest_in_order(const Places& places, float start) {
+  const auto n = static_cast<std::int32_t>(places.ring.size());
+  std::vector<std::uint64_t> ends;  // ends[k]: smallest last key of a subsequence of length k + 1
+  std::vector<std::int32_t> last;   // the point with that key
   std::vector<std::int32_t> previous(n, -1);
-  Chain chain{first_row(reading, first), {}};
+  Chain chain{first_row(places, start), {}};
   for (std::int32_t j = 0; j < n; ++j) {
     const std::int32_t i = shifted(j, chain.first_row, n);
-    if (reading.ring(i) < 0) continue;
-    const std::uint64_t place = place_of(reading, i, first);
+    if (places.angle[i] < 0.0F) continue;
+    const std::uint64_t key = key_of(places, i, start);
     auto at = ends.end();
-    if (!ends.empty() && place < ends.back()) at = std::upper_bound(ends.begin(), at, place);
+    if (!ends.empty() && key < ends.back()) at = std::upper_bound(ends.begin(), at, key);
     const std::size_t k = at - ends.begin();
     if (k > 0) previous[i] = last[k - 1];
     if (k == ends.size()) {
-      ends.push_back(place);
+      ends.push_back(key);
       last.push_back(i);
     } else {
-      ends[k] = place;
+      ends[k] = key;
       last[k] = i;
     }
   }
@@ -109,12 +135,12 @@ Chain longest_in_order(const LatticeReading& reading, float first) {
   return chain;
 }
 
-// The longest subsequence if rings begin at azimuth 0 or at another one, whichever is longer.
-Chain longest_in_order(const LatticeReading& reading) {
-  Chain chain = longest_in_order(reading, 0.0F);
-  const float first = first_azimuth(reading);
-  if (first > 0.0F) {
-    Chain turned = longest_in_order(reading, first);
+// The longest subsequence if rings begin at angle 0 or at another one, whichever is longer.
+Chain longest_in_order(const Places& places) {
+  Chain chain = longest_in_order(places, 0.0F);
+  const float start = common_start(places);
+  if (start > 0.0F) {
+    Chain turned = longest_in_order(places, start);
     if (turned.points.size() > chain.points.size()) return turned;
   }
   return chain;
@@ -126,26 +152,39 @@ bool is_rounding(const LatticeReading& reading, std::int32_t i, std::int32_t nei
          std::min(apart, std::abs(kFullTurnF - apart)) < kAzimuthRounding;
 }
 
-}  // namespace
-
-std::vector<std::int32_t> misplaced_in_file(const LatticeReading& reading) {
-  const auto [first_row, chain] = longest_in_order(reading);
+// The judged points that are not in the chain, unless rounding explains that.
+std::vector<std::int32_t> points_beside(const Chain& chain, const Places& places,
+                                        const LatticeReading& reading) {
   const auto n = static_cast<std::int32_t>(reading.ring.size());
-  std::vector<std::int32_t> misplaced;
-  std::size_t next = 0;  // index in `chain` of its first point at or after i
+  std::vector<std::int32_t> beside;
+  std::size_t next = 0;  // index in the chain of its first point at or after i
   for (std::int32_t j = 0; j < n; ++j) {
-    const std::int32_t i = shifted(j, first_row, n);
-    if (next < chain.size() && chain[next] == i) {
+    const std::int32_t i = shifted(j, chain.first_row, n);
+    if (next < chain.points.size() && chain.points[next] == i) {
       ++next;
       continue;
     }
-    if (reading.ring(i) < 0) continue;
-    const bool near = (next > 0 && is_rounding(reading, i, chain[next - 1])) ||
-                      (next < chain.size() && is_rounding(reading, i, chain[next]));
-    if (!near) misplaced.push_back(i);
+    if (places.angle[i] < 0.0F) continue;
+    const bool near = (next > 0 && is_rounding(reading, i, chain.points[next - 1])) ||
+                      (next < chain.points.size() && is_rounding(reading, i, chain.points[next]));
+    if (!near) beside.push_back(i);
   }
-  std::sort(misplaced.begin(), misplaced.end());
-  return misplaced;
+  std::sort(beside.begin(), beside.end());
+  return beside;
+}
+
+}  // namespace
+
+std::vector<std::int32_t> misplaced_in_file(const LatticeReading& reading,
+                                            double azimuth_step) {
+  const Places by_azimuth = places_by_azimuth(reading);
+  const Chain chain = longest_in_order(by_azimuth);
+  std::vector<std::int32_t> misplaced = points_beside(chain, by_azimuth, reading);
+  if (misplaced.empty()) return misplaced;
+  const Places by_count = places_by_count(reading, azimuth_step);
+  const Chain counted = longest_in_order(by_count);
+  if (counted.points.size() <= chain.points.size()) return misplaced;
+  return points_beside(counted, by_count, reading);
 }
 
 }  // namespace manip3d

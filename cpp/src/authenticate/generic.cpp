@@ -238,7 +238,7 @@ class Examination {
 
   void examine_order() {
     if (!usable(Evidence::kOrder, true, {Evidence::kLine})) return;
-    flag_points(Evidence::kOrder, misplaced_in_file(reading_));
+    flag_points(Evidence::kOrder, misplaced_in_file(reading_, lattice_.azimuth_step));
   }
 
   void examine_ranges() {
@@ -318,8 +318,9 @@ class Examination {
   void examine_drift() {
     if (!usable(Evidence::kDrift, tolerates_only_rounding(), {Evidence::kLine, Evidence::kGrid}))
       return;
+    const std::vector<double> means = mean_line_errors(reading_, lattice_.rings.size());
     const std::vector<float> deviations =
-        drift_deviations(points_, reading_, lattice_, voxels_, voxel_of_point_);
+        drift_deviations(points_, reading_, lattice_, voxels_, voxel_of_point_, means);
     const auto drifts = [](float deviation) { return std::abs(deviation) > kDriftThreshold; };
     if (std::none_of(deviations.begin(), deviations.end(), drifts)) return;
     std::vector<std::int32_t> drifting;
@@ -327,10 +328,12 @@ class Examination {
       if (!is_near_line(reading_, i)) continue;
       const float deviation = deviations[voxel_of_point_[i]];
       if (!drifts(deviation)) continue;
+      const double error = reading_.line_error(i) - means[reading_.ring(i)];
+      if ((error > 0.0) != (deviation > 0.0F)) continue;
+      drifting.push_back(i);
       const RangeVoxel& at = voxels_.voxels()[voxel_of_point_[i]];
       double& strength = cells_(at.row, at.column)[index_of(Evidence::kDrift)];
       strength = std::max<double>(strength, std::abs(deviation));
-      if ((reading_.line_error(i) > 0.0F) == (deviation > 0.0F)) drifting.push_back(i);
     }
     flag_points(Evidence::kDrift, drifting);
     if (!dropped(Evidence::kDrift)) return;
