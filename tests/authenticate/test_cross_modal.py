@@ -325,7 +325,9 @@ def test_integers_are_divided_before_they_are_a_map(factor: int, dtype: type) ->
 @pytest.mark.parametrize(
     ("parameters", "words"),
     [
-        ({"azimuth_step": 0.0}, "azimuth_step, elevation_step: expected numbers > 0"),
+        ({"azimuth_step": 0.0}, "azimuth_step, elevation_step: expected finite numbers > 0"),
+        ({"azimuth_step": math.inf}, "azimuth_step, elevation_step: expected finite numbers > 0"),
+        ({"elevation_step": math.inf}, "azimuth_step, elevation_step: expected finite numbers"),
         ({"azimuth_step": 1e-6}, "at most 2\\^22 cells"),
         ({"half_azimuth": 91.0}, "half_azimuth: expected"),
         ({"lowest": 3.0}, "lowest, highest"),

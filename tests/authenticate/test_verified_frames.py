@@ -120,7 +120,7 @@ def test_the_journal_is_short_and_folded(
             assert orders(verifier, [each]) == ["in order"]
             sizes.append(state.stat().st_size)
     checkpoint = sizes[0]
-    assert [size - checkpoint for size in sizes] == [0, 98, 196, 294, 0, 98, 196]
+    assert [size - checkpoint for size in sizes] == [0, 114, 228, 342, 0, 114, 228]
     assert state.stat().st_size == checkpoint
 
 
@@ -177,17 +177,66 @@ def test_a_file_without_a_journal_is_read(key: KeyFile, state: Path) -> None:
         assert orders(again, sent) == ["replay"] * 2
 
 
+def tag_of(state: bytes) -> bytes:
+    return hashlib.blake2b(b"m3d-verifier-state" + state, key=ROOT_KEY, digest_size=32).digest()
+
+
+def early(version: bytes, state: bytes) -> bytes:
+    """A state of an early version, which has no times before the sessions."""
+    step = 16 if version == b"m3d-vs01" else 24
+    body = version + state[8:66]
+    for begin in range(82, len(state) - 32, 24):
+        body += state[begin : begin + step]
+    return body + tag_of(body)
+
+
 def test_a_state_of_the_first_version_is_read(key: KeyFile, state: Path) -> None:
     """It does not state the last frames of sessions that were left: all of theirs are replays."""
     left, last = signed(key, 3), signed(key, 2)
     with Watermarker(key) as verifier:
         orders(verifier, [*left[:2], last[0]])
         new = verifier._verifier.state()
-    body = b"m3d-vs01" + new[8:66] + new[66:82]  # magic, the last frame, a session of 16 bytes
-    body += hashlib.blake2b(b"m3d-verifier-state" + body, key=ROOT_KEY, digest_size=32).digest()
-    state.write_bytes(body)
+    state.write_bytes(early(b"m3d-vs01", new))
     with Watermarker(key, state=state) as again:
         assert orders(again, [left[2], last[0], last[1]]) == ["replay", "replay", "in order"]
+
+
+def test_a_journal_of_the_second_version_is_read(key: KeyFile, state: Path) -> None:
+    """Its entries are shorter by the times."""
+    left, last = signed(key, 3), signed(key, 4)
+    with Watermarker(key) as verifier:
+        orders(verifier, [*left[:2], last[0]])
+        checkpoint = early(b"m3d-vs02", verifier._verifier.state())
+        content = b"m3d-vj01" + len(checkpoint).to_bytes(4, "little") + checkpoint
+        for each in last[1:3]:
+            orders(verifier, [each])
+            entry = early(b"m3d-vs02", verifier._verifier.state())
+            content += entry[:66] + entry[-32:]
+    state.write_bytes(content)
+    with Watermarker(key, state=state) as again:
+        assert orders(again, [last[2], left[1], last[3]]) == ["replay", "replay", "in order"]
+        assert orders(again, [left[2]]) == ["gap"]
+
+
+def test_frames_of_sessions_that_were_forgotten_are_not_authentic(
+    key: KeyFile, state: Path
+) -> None:
+    """The last 4096 sessions are remembered. A replay of an older one states no later time."""
+    scan = LidarFrame(grid_scan(12))
+    first, second, third, late, new = (
+        Watermarker(key).embed(scan, time_ns=time_ns, is_end=True) for time_ns in (1, 2, 3, 2, 4)
+    )
+    with Watermarker(key) as verifier:
+        orders(verifier, [first, second])
+        body = verifier._verifier.state()[:-32]  # with the first session as the only earlier one
+    body += np.random.default_rng(0).bytes(4095 * 24)
+    state.write_bytes(body + tag_of(body))
+    with Watermarker(key, state=state) as verifier:
+        assert orders(verifier, [first, third]) == ["replay", "in order"]
+    with Watermarker(key, state=state) as verifier:  # its state says that one was forgotten
+        replayed = verifier.verify(first.frame, first.record)
+        assert (replayed.verdict, replayed.order) == ("undecidable", "unknown")
+        assert orders(verifier, [new, late, new]) == ["in order", "unknown", "replay"]
 
 
 def test_no_bytes_make_a_state_of_frames_that_were_not_seen(key: KeyFile, state: Path) -> None:

@@ -571,6 +571,11 @@ def test_old_frames_are_stale(key: KeyFile) -> None:
     policy = Policy(max_age_s=1.0)
     late = verifier.verify(sent.frame, sent.record, policy=policy, now_ns=10**18 + 2 * 10**9)
     assert (late.verdict, late.freshness) == ("undecidable", "stale")
+    assert late.reason == "the content holds, but the frame is too old"
+    verifier.reset()
+    early = verifier.verify(sent.frame, sent.record, policy=policy, now_ns=10**18 - 2 * 10**9)
+    assert (early.verdict, early.freshness) == ("undecidable", "stale")
+    assert early.reason == "the content holds, but the frame states a time to come"
     verifier.reset()
     soon = verifier.verify(sent.frame, sent.record, policy=policy, now_ns=10**18 + 10**8)
     assert (soon.verdict, soon.freshness) == ("authentic", "fresh")

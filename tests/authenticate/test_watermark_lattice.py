@@ -61,6 +61,40 @@ def test_coordinates_in_float64_carry_bits_on_their_own_grid(key: KeyFile, units
                 assert other.verify(sent.frame, sent.record, policy=policy).verdict == verdict
 
 
+def test_the_farthest_coordinates_verify(key: KeyFile) -> None:
+    """A bit of 0 moves a negative odd coordinate by one step away from the origin."""
+    exact = np.round(grid_scan(300).astype(np.float64) * 1000.0)
+    exact[0] = -(2.0**30) + 1.0
+    exact[1] = 2.0**30 - 1.0
+    scan = framed(exact / 1000.0, np.zeros(3), None)
+    for _ in range(4):  # sessions with other bits
+        with Watermarker(key, origin=np.zeros(3)) as sender, Watermarker(key) as receiver:
+            sent = sender.embed(scan)
+            assert receiver.verify(sent.frame, sent.record).verdict == "authentic"
+
+
+def test_the_advice_fits_the_point_that_is_refused(key: KeyFile) -> None:
+    """Rounding helps a point beside the grid, and none beyond reach."""
+    for metres, may_round in ((1e7, False), (0.0003, True)):
+        exact = np.full((30, 3), metres)
+        plain = LidarFrame(exact.astype(np.float32))
+        for scan in (plain, framed(exact, np.zeros(3), None)):
+            with (
+                Watermarker(key, origin=np.zeros(3)) as sender,
+                pytest.raises(InputError) as caught,
+            ):
+                sender.embed(scan)
+            assert ("round the points" in str(caught.value)) == may_round
+
+
+def test_an_empty_frame_of_a_drive_with_an_origin_is_signed(key: KeyFile) -> None:
+    empty = framed(np.zeros((0, 3)), UTM, None)
+    with Watermarker(key, origin=UTM) as sender, Watermarker(key) as receiver:
+        for scan in (survey(), empty, survey()):
+            sent = sender.embed(scan)
+            assert receiver.verify(sent.frame, sent.record).verdict == "authentic"
+
+
 def test_the_record_states_step_and_origin(key: KeyFile) -> None:
     origin = UTM + np.array([10.0, -20.0, 3.0])
     with Watermarker(key, units_per_m=100, origin=origin) as sender:

@@ -39,8 +39,9 @@ void check_cross_modal_options(const CrossModalOptions& options) {
   if (!(options.heading >= -360.0 && options.heading <= 360.0)) {
     throw InputError("heading: expected -360 to 360 degrees, got " + number_text(options.heading));
   }
-  if (!(options.azimuth_step > 0.0 && options.elevation_step > 0.0)) {
-    throw InputError("azimuth_step, elevation_step: expected numbers > 0");
+  if (!(options.azimuth_step > 0.0 && std::isfinite(options.azimuth_step) &&
+        options.elevation_step > 0.0 && std::isfinite(options.elevation_step))) {
+    throw InputError("azimuth_step, elevation_step: expected finite numbers > 0");
   }
   if (!(options.half_azimuth > 0.0 && options.half_azimuth <= 90.0)) {
     throw InputError("half_azimuth: expected > 0 to 90 degrees, got " +

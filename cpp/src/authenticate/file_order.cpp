@@ -175,8 +175,7 @@ std::vector<std::int32_t> points_beside(const Chain& chain, const Places& places
 
 }  // namespace
 
-std::vector<std::int32_t> misplaced_in_file(const LatticeReading& reading,
-                                            double azimuth_step) {
+std::vector<std::int32_t> misplaced_in_file(const LatticeReading& reading, double azimuth_step) {
   const Places by_azimuth = places_by_azimuth(reading);
   const Chain chain = longest_in_order(by_azimuth);
   std::vector<std::int32_t> misplaced = points_beside(chain, by_azimuth, reading);

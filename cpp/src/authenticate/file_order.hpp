@@ -13,7 +13,6 @@ namespace manip3d {
 /// vertical). A cyclic shift of the rows is in order too. The longest subsequence in order is taken
 /// as the scanner's; of the other points, those are returned whose distance from their neighbours
 /// in it exceeds rounding. O(n log n).
-std::vector<std::int32_t> misplaced_in_file(const LatticeReading& reading,
-                                            double azimuth_step);
+std::vector<std::int32_t> misplaced_in_file(const LatticeReading& reading, double azimuth_step);
 
 }  // namespace manip3d

@@ -145,6 +145,13 @@ void check_readable(const ScanLattice& lattice) {
     throw InputError("lattice: expected 0 to " + std::to_string(kMaxSteps) + " steps, got " +
                      std::to_string(lattice.steps));
   }
+  constexpr double kRounding = 1e-6;  // radians
+  if (lattice.steps > 0 &&
+      !(std::abs(lattice.azimuth_step * lattice.steps - kFullTurn) <= kRounding)) {
+    throw InputError("lattice: expected an azimuth_step of a turn divided by " +
+                     std::to_string(lattice.steps) + " steps, got " +
+                     number_text(lattice.azimuth_step));
+  }
   check_step(lattice.range_step, "range_step");
   check_step(lattice.coordinate_step, "coordinate_step");
 }

@@ -58,12 +58,15 @@ std::string grid_of(std::uint32_t units_per_m) {
   return units_per_m == 1000 ? "1 mm" : "1/" + std::to_string(units_per_m) + " m";
 }
 
+// Rounding puts a point onto the grid, but does not bring it within reach.
 template <typename Value>
-[[noreturn]] void refuse(const Value* xyz, std::int64_t row, const std::string& grid) {
+[[noreturn]] void refuse(const Value* xyz, std::int64_t row, const std::string& grid,
+                         bool is_in_reach) {
   const auto text = [&](int axis) { return number_text(xyz[3 * row + axis]); };
   throw InputError("points: expected coordinates on a grid of " + grid + ", got (" + text(0) +
                    ", " + text(1) + ", " + text(2) + ") in row " + std::to_string(row) +
-                   "; embed 'detached', or round the points onto the grid");
+                   "; embed 'detached'" +
+                   (is_in_reach ? ", or round the points onto the grid" : ""));
 }
 
 // A float64 coordinate as a whole number of units from the offset.
@@ -76,13 +79,15 @@ struct Unit {
 // point of the grid, or was computed with the scale and offset of a file format, which adds an
 // error of a few times 2^-15 units at the largest allowed coordinate.
 constexpr double kMaxOffGrid = 1.0 / 8192.0;
+// Units from the offset: coordinates that are embedded are below this.
 constexpr std::int64_t kExactReach = std::int64_t{1} << 30;
 
-Unit unit_of(double metres, double units, std::int64_t offset) {
+// `fits`: the coordinate is less than `reach` units from the offset.
+Unit unit_of(double metres, double units, std::int64_t offset, std::int64_t reach) {
   const double scaled = metres * units;
   if (!(std::abs(scaled) < static_cast<double>(kFarthestUnit))) return {0, false, false};
   const std::int64_t whole = nearest(scaled), from_offset = whole - offset;
-  const bool fits = from_offset > -kExactReach && from_offset < kExactReach;
+  const bool fits = from_offset > -reach && from_offset < reach;
   const bool is_on_grid = std::abs(scaled - static_cast<double>(whole)) <= kMaxOffGrid;
   return {fits ? from_offset : 0, is_on_grid, fits};
 }
@@ -219,8 +224,12 @@ void sample_intensities(const PointsView& points, ZeroSigns signs, LatticeSample
   while (row + 1 < end && block.is_good(row - begin)) ++row;
   const double reach = static_cast<double>(kReach) / units_per_m;
   const std::string far = units_per_m == 1000 ? "4 km" : number_text(reach) + " m";
+  const bool is_in_reach = (points.points.row(static_cast<Eigen::Index>(row)).cast<double>() *
+                            static_cast<double>(units_per_m))
+                               .cwiseAbs()
+                               .maxCoeff() < kReach;
   refuse(points.points.data(), static_cast<std::int64_t>(row),
-         grid_of(units_per_m) + ", within " + far);
+         grid_of(units_per_m) + ", within " + far, is_in_reach);
 }
 
 template <Demand kDemand>
@@ -298,17 +307,19 @@ void sample_exact(const PointsView& points, const ExactGrid& grid, ExactUse use,
                   const SliceTable& slices, LatticeSamples& found,
                   std::vector<std::uint16_t>& slice_of, ZeroSigns signs) {
   make_room(points, found, slice_of);
+  // A bit of 0 moves a negative odd coordinate by one unit away from the offset.
+  const std::int64_t reach = kExactReach + (use == ExactUse::kVerify ? 1 : 0);
   for (Eigen::Index row = 0; row < points.num_points(); ++row) {
     const std::size_t i = row;
     std::array<std::int32_t, 3> q;
     std::uint8_t mark = 0;
     for (std::size_t axis = 0; axis < 3; ++axis) {
       const Unit unit =
-          unit_of(grid.coordinates[3 * i + axis], grid.units_per_m, grid.offset[axis]);
+          unit_of(grid.coordinates[3 * i + axis], grid.units_per_m, grid.offset[axis], reach);
       const bool accepted = unit.fits && (unit.is_on_grid || use == ExactUse::kRound);
       if (!accepted && use != ExactUse::kVerify) {
         refuse(grid.coordinates.data(), row,
-               grid_of(grid.units_per_m) + ", within 2^30 steps of the origin");
+               grid_of(grid.units_per_m) + ", within 2^30 steps of the origin", unit.fits);
       }
       if (!accepted) mark |= kOffLattice;
       q[axis] = static_cast<std::int32_t>(unit.from_offset);

@@ -222,54 +222,53 @@ CellMask gap_mask(const CellRanges& image, const std::vector<float>& gaps, const
   return mask;
 }
 
-// The smallest cyclic interval of columns that contains all marked ones.
-void span_columns(std::vector<std::int64_t> marked, std::int64_t columns,
+// The smallest cyclic interval of columns that contains all runs.
+void span_columns(std::vector<const MarkedRun*> runs, std::int64_t columns,
                   OcclusionComponent& component) {
-  std::sort(marked.begin(), marked.end());
-  marked.erase(std::unique(marked.begin(), marked.end()), marked.end());
-  std::int64_t widest = marked.front() + columns - marked.back();
-  component.first_column = marked.front();
-  component.last_column = marked.back();
-  for (std::size_t i = 1; i < marked.size(); ++i) {
-    if (marked[i] - marked[i - 1] <= widest) continue;
-    widest = marked[i] - marked[i - 1];
-    component.first_column = marked[i];
-    component.last_column = marked[i - 1];
+  std::ranges::sort(runs, {}, &MarkedRun::first);
+  std::int64_t reached = runs.front()->last, widest = 0;  // widest gap between runs
+  component.first_column = runs.front()->first;
+  for (const MarkedRun* run : runs) {
+    if (run->first - reached > widest) {
+      widest = run->first - reached;
+      component.first_column = run->first;
+      component.last_column = reached;
+    }
+    reached = std::max<std::int64_t>(reached, run->last);
   }
+  if (runs.front()->first + columns - reached < widest) return;
+  component.first_column = runs.front()->first;
+  component.last_column = reached;
 }
 
+// `marked`: the cells with a gap; the component may have others, which were closed in.
 OcclusionComponent measure(const std::vector<const MarkedRun*>& runs, const CellRanges& image,
-                           const CellFinder& finder, const ScanGrid& grid, float min_gap) {
+                           const CellMask& marked, const CellFinder& finder, const ScanGrid& grid) {
   OcclusionComponent component;
   component.first_row = finder.first_row() + runs.front()->row;
   component.last_row = finder.first_row() + runs.back()->row;
   std::vector<float> ranges;
-  std::vector<std::int64_t> columns;
   for (const MarkedRun* run : runs) {
     const double level = sin_cos(finder.elevation_of(run->row)).cos;
     const std::int64_t width = run->last - run->first + 1;
     component.cells += width;
     component.solid_angle +=
         static_cast<double>(width) * grid.azimuth_step * grid.elevation_step * std::max(level, 0.0);
-    columns.push_back(run->first);
-    columns.push_back(run->last);
     for (std::int64_t c = run->first; c <= run->last; ++c) {
       const std::int64_t cell = run->row * finder.columns() + c;
-      if (image.occupied(cell) && image.far(cell) - image.near(cell) > min_gap) {
-        ranges.push_back(image.near(cell));
-      }
+      if (marked.cells[cell] != 0) ranges.push_back(image.near(cell));
     }
   }
   if (!ranges.empty()) component.range = median(std::span(ranges));
   component.area = component.solid_angle * component.range * component.range;
-  span_columns(std::move(columns), finder.columns(), component);
+  span_columns(runs, finder.columns(), component);
   return component;
 }
 
 // Selects the components of at least A_th (`min_area`), `min_cells` and at most `max_range`, the
 // largest area first. Returns the component of each cell, -1 for others.
-std::vector<std::int32_t> select_components(const CellMask& mask, const CellRanges& image,
-                                            const CellFinder& finder,
+std::vector<std::int32_t> select_components(const CellMask& mask, const CellMask& marked,
+                                            const CellRanges& image, const CellFinder& finder,
                                             const OcclusionOptions& options,
                                             const Progress& progress, OcclusionResult& result) {
   ConnectedRuns connected;
@@ -286,7 +285,7 @@ std::vector<std::int32_t> select_components(const CellMask& mask, const CellRang
   for (std::int32_t n = 0; n < connected.num_components(); ++n) {
     ticker.tick();
     const OcclusionComponent component =
-        measure(by_component[n], image, finder, options.grid, static_cast<float>(options.min_gap));
+        measure(by_component[n], image, marked, finder, options.grid);
     if (component.cells >= options.min_cells && component.area >= options.min_area &&
         component.range <= options.max_range) {
       found.push_back({component, n});
@@ -309,8 +308,9 @@ std::vector<std::int32_t> select_components(const CellMask& mask, const CellRang
   return cell_component;
 }
 
-// Adds the points in front of the farthest point of their cell.
-void suspect_points(const PointsView& view, const CellRanges& image,
+// Adds the points in front of the farthest point of their cell. Accumulated gaps may exceed
+// `min_gap` where no point is so far in front; then those count that are nearer than the middle.
+void suspect_points(const PointsView& view, const CellRanges& image, const CellMask& marked,
                     const std::vector<std::int32_t>& cell_component,
                     const OcclusionOptions& options, const Progress& progress,
                     OcclusionResult& result) {
@@ -321,9 +321,11 @@ void suspect_points(const PointsView& view, const CellRanges& image,
     ticker.tick();
     const std::int32_t cell = image.cells[i];
     if (cell == kNowhere || cell_component[cell] < 0) continue;
-    if (image.far(cell) - image.near(cell) <= min_gap) continue;
+    if (marked.cells[cell] == 0) continue;
+    const float half = 0.5F * (image.far(cell) - image.near(cell));
+    const float in_front = options.accumulate ? std::min(min_gap, half) : min_gap;
     const Eigen::Vector3d p = view.points.row(i).transpose().cast<double>() - options.origin;
-    if (!(image.far(cell) - p.norm() > min_gap)) continue;
+    if (!(image.far(cell) - p.norm() > in_front)) continue;
     rows[cell_component[cell]].push_back(static_cast<std::int32_t>(i));
     result.suspected.push_back(static_cast<std::int32_t>(i));
     result.suspected_component.push_back(cell_component[cell]);
@@ -368,9 +370,9 @@ OcclusionResult occlusion_consistency(const PointsView& view, const OcclusionOpt
   const CellMask closed = rank_filter(rank_filter(raw, 1, progress), 9, progress);
   const CellMask mask = rank_filter(closed, 5, progress);
   const std::vector<std::int32_t> cell_component =
-      select_components(mask, image, finder, options, progress, result);
+      select_components(mask, raw, image, finder, options, progress, result);
   if (!result.components.empty()) {
-    suspect_points(view, image, cell_component, options, progress, result);
+    suspect_points(view, image, raw, cell_component, options, progress, result);
   }
   const auto [first, last] = occupied_rows(image, finder);
   result.first_row = finder.first_row() + first;

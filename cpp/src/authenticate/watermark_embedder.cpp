@@ -46,12 +46,13 @@ std::uint32_t effective_bits(const TiledSamples& tiled, std::size_t tile) {
   return bits;
 }
 
-void check_frame(const WatermarkFrame& frame, bool is_exact) {
+// The offset of a scan without points is not used.
+void check_frame(const WatermarkFrame& frame, const PointsView& points, bool is_exact) {
   if (frame.picture && frame.context) {
     throw InputError("picture: expected no other context beside it");
   }
   for (const std::int64_t offset : frame.offset) {
-    if (offset != 0 && !is_exact) {
+    if (offset != 0 && !is_exact && points.num_points() > 0) {
       throw InputError("offset: expected 0 for coordinates in float32");
     }
     if (!(offset >= -kFarthestUnit && offset <= kFarthestUnit)) {
@@ -120,7 +121,7 @@ struct WatermarkEmbedder::State {
   // Sets the fields of the header for this frame.
   void describe(const PointsView& points, const WatermarkFrame& frame, bool is_exact) {
     header.is_exact = is_exact;
-    header.offset = frame.offset;
+    header.offset = is_exact ? frame.offset : std::array<std::int64_t, 3>{};
     header.is_genesis = header.frame == 0;
     header.is_end = frame.is_end;
     header.carrier = frame.picture ? kInPicture : kBeside;
@@ -238,7 +239,7 @@ WatermarkedScan WatermarkEmbedder::embed(const PointsView& points, const Waterma
   if (s.has_ended) throw Error("the session has ended with its last frame");
   check_points(points);
   check_exact(points, exact);
-  check_frame(frame, !exact.empty());
+  check_frame(frame, points, !exact.empty());
   const WatermarkHeader& header = s.header;
   s.describe(points, frame, !exact.empty());
   const ExactGrid grid{exact, header.units_per_m, frame.offset};

@@ -82,7 +82,7 @@ std::string missing_part(const WatermarkHeader& header, bool has_picture, bool i
   return {};
 }
 
-void conclude(const WatermarkPolicy& policy, WatermarkFinding& finding) {
+void conclude(const WatermarkPolicy& policy, std::int64_t now_ns, WatermarkFinding& finding) {
   const auto say = [&](WatermarkVerdict verdict, std::string reason) {
     finding.verdict = verdict;
     finding.reason = std::move(reason);
@@ -99,7 +99,9 @@ void conclude(const WatermarkPolicy& policy, WatermarkFinding& finding) {
   } else if (finding.order == WatermarkPlace::kGap) {
     say(kUnverifiable, reason_of_gap(finding.gap));
   } else if (finding.freshness == WatermarkFreshness::kStale) {
-    say(kUnverifiable, "the content holds, but the frame is too old");
+    const bool is_to_come = finding.header->time_ns > now_ns;
+    say(kUnverifiable, is_to_come ? "the content holds, but the frame states a time to come"
+                                  : "the content holds, but the frame is too old");
   } else if (finding.order == WatermarkPlace::kUnknown && !policy.any_order) {
     say(kUnverifiable, "the content holds, but the frame's place in the stream is not known");
   } else {

@@ -19,6 +19,6 @@ WatermarkFreshness freshness_of(const WatermarkPolicy& policy, const WatermarkHe
 std::string missing_part(const WatermarkHeader& header, bool has_picture, bool is_exact);
 
 /// Sets verdict and reason. The checks are in order of priority: the first finding is the reason.
-void conclude(const WatermarkPolicy& policy, WatermarkFinding& finding);
+void conclude(const WatermarkPolicy& policy, std::int64_t now_ns, WatermarkFinding& finding);
 
 }  // namespace manip3d

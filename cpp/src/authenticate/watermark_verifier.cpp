@@ -4,6 +4,7 @@
 #include <cstddef>
 #include <limits>
 #include <optional>
+#include <string_view>
 #include <utility>
 
 #include "authenticate/canonical_order.hpp"
@@ -20,7 +21,12 @@ namespace manip3d {
 namespace {
 
 constexpr std::size_t kMaxSessions = 4096;  // sessions that a verifier remembers
+constexpr std::int64_t kNever = std::numeric_limits<std::int64_t>::min();
 constexpr std::uint64_t kNoLater = std::numeric_limits<std::uint64_t>::max();
+
+// Bytes of a verifier's state before the earlier sessions: magic, flags, session, frame and tag of
+// the last frame, two times.
+constexpr std::size_t kFixedState = 8 + 2 + 16 + 8 + 32 + 16;
 
 // Number of frames between two frames of a session.
 std::int64_t num_between(std::uint64_t before, std::uint64_t after) {
@@ -75,7 +81,10 @@ struct WatermarkVerifier::State {
   WatermarkId session{};
   std::uint64_t frame = 0;
   WatermarkTag tag{};
-  std::vector<Past> past;  // earlier sessions, the one left first comes first
+  std::vector<Past> past;           // earlier sessions, the one left first comes first
+  std::int64_t latest_ns = kNever;  // latest time that a frame of the stream stated
+  // `latest_ns` when the last of `past` was dropped for want of room; kNever: none was
+  std::int64_t forgotten_ns = kNever;
 
   void add(const WatermarkKey& key, std::optional<std::int64_t> until_ns);
   void check_open() const;
@@ -190,6 +199,7 @@ void WatermarkVerifier::reset() {
   s.has_frame = s.had_end = false;
   s.root = 0;
   s.past.clear();
+  s.latest_ns = s.forgotten_ns = kNever;
 }
 
 WatermarkFinding WatermarkVerifier::verify(const PointsView& points,
@@ -237,7 +247,7 @@ WatermarkFinding WatermarkVerifier::verify(const PointsView& points,
   }
   s.find_place(record, finding);
   finding.freshness = freshness_of(policy, record.header, now_ns);
-  conclude(policy, finding);
+  conclude(policy, now_ns, finding);
   // The record is genuine, even if the points were changed: later frames must come after this one.
   if (finding.order != WatermarkPlace::kReplay) s.go_on(record.header, frame_tag_of(bytes));
   return finding;
@@ -351,9 +361,10 @@ void WatermarkVerifier::State::find_place(const WatermarkRecord& record,
     finding.gap = num_between(left->frame, header.frame);
   } else if (!has_frame || header.session != session || root_of_keys != root) {
     // A session may begin if no frame was seen before, or after the last frame of the previous
-    // session.
+    // session. What states no later time than sessions that were forgotten may be a replay of one.
+    const bool is_new = forgotten_ns == kNever || header.time_ns > forgotten_ns;
     if (header.is_genesis && (!has_frame || had_end)) {
-      finding.order = WatermarkPlace::kInOrder;
+      if (is_new) finding.order = WatermarkPlace::kInOrder;
     } else if (has_frame) {
       finding.order = WatermarkPlace::kGap;
     }
@@ -370,7 +381,10 @@ void WatermarkVerifier::State::find_place(const WatermarkRecord& record,
 void WatermarkVerifier::State::go_on(const WatermarkHeader& header, const WatermarkTag& frame_tag) {
   if (has_frame && header.session != session) {
     std::erase_if(past, [&](const Past& left) { return left.session == header.session; });
-    if (past.size() == kMaxSessions) past.erase(past.begin());
+    if (past.size() == kMaxSessions) {
+      past.erase(past.begin());
+      forgotten_ns = latest_ns;
+    }
     past.push_back({session, had_end ? kNoLater : frame});
   }
   has_frame = true;
@@ -379,6 +393,7 @@ void WatermarkVerifier::State::go_on(const WatermarkHeader& header, const Waterm
   session = header.session;
   frame = header.frame;
   tag = frame_tag;
+  latest_ns = std::max(latest_ns, header.time_ns);
 }
 
 WatermarkTag WatermarkVerifier::State::state_tag(std::size_t number,
@@ -393,7 +408,7 @@ std::vector<std::uint8_t> WatermarkVerifier::state() const {
   const State& s = *state_;
   s.check_open();
   std::vector<std::uint8_t> bytes;
-  bytes.reserve(98 + 24 * s.past.size());
+  bytes.reserve(kFixedState + 32 + 24 * s.past.size());
   const auto put = [&](std::span<const std::uint8_t> more) {
     // push_back, because GCC 12 warns of an insert
     for (const std::uint8_t byte : more) bytes.push_back(byte);
@@ -403,11 +418,13 @@ std::vector<std::uint8_t> WatermarkVerifier::state() const {
     store(value, number.data());
     put(number);
   };
-  put(bytes_of("m3d-vs02"));
+  put(bytes_of("m3d-vs03"));
   put(std::array<std::uint8_t, 2>{s.has_frame, s.had_end});
   put(s.session);
   put_number(s.frame);
   put(s.tag);
+  put_number(static_cast<std::uint64_t>(s.latest_ns));
+  put_number(static_cast<std::uint64_t>(s.forgotten_ns));
   for (const State::Past& left : s.past) {
     put(left.session);
     put_number(left.frame);
@@ -419,15 +436,18 @@ std::vector<std::uint8_t> WatermarkVerifier::state() const {
 void WatermarkVerifier::restore(std::span<const std::uint8_t> state) {
   State& s = *state_;
   s.check_open();
-  constexpr std::size_t kFixed = 8 + 2 + 16 + 8 + 32, kTag = 32;
+  constexpr std::size_t kTag = 32;
+  const auto is_of = [&](std::string_view version) {
+    return std::ranges::equal(state.first(std::min<std::size_t>(state.size(), 8)),
+                              bytes_of(version));
+  };
   // States of the first version do not state the last frames of earlier sessions: all frames of
-  // these sessions are replays.
-  const bool is_first =
-      std::ranges::equal(state.first(std::min<std::size_t>(state.size(), 8)), bytes_of("m3d-vs01"));
+  // these sessions are replays. Those of the first two state no times.
+  const bool is_first = is_of("m3d-vs01"), has_times = !is_first && !is_of("m3d-vs02");
+  const std::size_t fixed = kFixedState - (has_times ? 0 : 16);
   const std::size_t step = is_first ? 16 : 24;
-  const bool possible = state.size() >= kFixed + kTag &&
-                        (state.size() - kFixed - kTag) % step == 0 &&
-                        state.size() <= kFixed + kTag + step * kMaxSessions;
+  const bool possible = state.size() >= fixed + kTag && (state.size() - fixed - kTag) % step == 0 &&
+                        state.size() <= fixed + kTag + step * kMaxSessions;
   // The state was authenticated with the key of the last frame, which is found by trying all keys.
   std::size_t number = 0;
   const auto made_it = [&](std::size_t key) {
@@ -444,11 +464,18 @@ void WatermarkVerifier::restore(std::span<const std::uint8_t> state) {
   std::copy_n(state.data() + 10, 16, s.session.begin());
   s.frame = load<std::uint64_t>(state.data() + 26);
   std::copy_n(state.data() + 34, 32, s.tag.begin());
-  s.past.resize((state.size() - kFixed - kTag) / step);
+  s.past.resize((state.size() - fixed - kTag) / step);
   for (std::size_t i = 0; i < s.past.size(); ++i) {
-    const std::uint8_t* place = state.data() + kFixed + step * i;
+    const std::uint8_t* place = state.data() + fixed + step * i;
     std::copy_n(place, 16, s.past[i].session.begin());
     s.past[i].frame = is_first ? kNoLater : load<std::uint64_t>(place + 16);
+  }
+  s.latest_ns = s.forgotten_ns = kNever;
+  if (has_times) {
+    s.latest_ns = load<std::int64_t>(state.data() + 66);
+    s.forgotten_ns = load<std::int64_t>(state.data() + 74);
+  } else if (s.past.size() == kMaxSessions) {
+    s.latest_ns = s.forgotten_ns = std::numeric_limits<std::int64_t>::max();
   }
 }
 

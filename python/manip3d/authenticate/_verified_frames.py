@@ -17,7 +17,9 @@ CHECKPOINT_FRAMES = 600
 
 _MAGIC = b"m3d-vj01"
 _HEADER = struct.Struct("<8sI")  # magic number, length of the checkpoint
-_HEAD, _TAG = 66, 32  # bytes of a state before and after its list of past sessions
+_HEAD, _TAG = 82, 32  # bytes of a state before and after its list of past sessions
+_EARLY_HEAD = 66  # the same in the first two versions, whose states state no times
+_EARLY = (b"m3d-vs01", b"m3d-vs02")
 _ENTRY = _HEAD + _TAG
 _MAX_SESSIONS = 4096  # largest number of sessions that a verifier remembers
 _MAX_BYTES = _HEADER.size + _ENTRY + 24 * _MAX_SESSIONS + CHECKPOINT_FRAMES * _ENTRY
@@ -187,11 +189,13 @@ def _last_state(content: bytes) -> bytes:
         return content
     _, length = _HEADER.unpack_from(content)
     checkpoint = content[_HEADER.size : _HEADER.size + length]
-    num_entries = (len(content) - _HEADER.size - length) // _ENTRY
-    if length < _ENTRY or num_entries < 0:
+    head = _EARLY_HEAD if checkpoint.startswith(_EARLY) else _HEAD
+    size = head + _TAG
+    num_entries = (len(content) - _HEADER.size - length) // size
+    if length < size or num_entries < 0:
         raise FormatError("the state of a verifier is damaged: it ends within its checkpoint")
     if num_entries == 0:
         return checkpoint
-    begin = _HEADER.size + length + (num_entries - 1) * _ENTRY
-    entry = content[begin : begin + _ENTRY]
-    return entry[:_HEAD] + checkpoint[_HEAD:-_TAG] + entry[_HEAD:]
+    begin = _HEADER.size + length + (num_entries - 1) * size
+    entry = content[begin : begin + size]
+    return entry[:head] + checkpoint[head:-_TAG] + entry[head:]

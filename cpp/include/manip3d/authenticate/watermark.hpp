@@ -228,7 +228,9 @@ struct WatermarkFinding {
 /// If a frame of another session comes before the session has ended, it is a gap, and the stream
 /// continues with that session. The session that was left may continue later, which is a gap, too.
 /// Frames of a session that has ended, and frames up to the last one that was seen of a session
-/// that was left, are replays.
+/// that was left, are replays. The last 4096 sessions that were left are remembered. Once more were
+/// left, a session that is not among them can only begin at a later time than the frames that were
+/// seen until then state; otherwise the place of its first frame is unknown.
 class WatermarkVerifier {
  public:
   /// @throws Error  the key is closed.
