@@ -119,6 +119,23 @@ def test_mask_is_that_of_the_formulas(turn: float) -> None:
     assert region.mask_rows == (marked_rows[0], marked_rows[-1])
 
 
+@pytest.mark.parametrize(("begin", "span"), [(-135.0, 270.0), (45.0, 270.0), (-170.0, 100.0)])
+def test_a_region_of_more_than_half_a_turn_has_all_of_its_columns(
+    begin: float, span: float
+) -> None:
+    """A belt around the scanner; the second crosses the seam."""
+    azimuth = np.radians(begin + np.arange(0.0, span, 0.1))
+    belt = np.concatenate(
+        [np.c_[3 * np.cos(azimuth), 3 * np.sin(azimuth), np.full(len(azimuth), z)]
+         for z in np.arange(-0.3, 0.3, 0.01)]
+    )  # fmt: skip
+    result = occlusion_consistency(np.concatenate([CAVE, belt.astype(np.float32)]))
+    region = result.regions[0]
+    first, last = ((edge * result.grid.azimuth_deg - 180.0) % 360.0 for edge in region.mask_columns)
+    assert first == pytest.approx(begin % 360.0, abs=1.0)
+    assert last == pytest.approx((begin + span) % 360.0, abs=1.0)
+
+
 def test_region_is_the_object() -> None:
     result = occlusion_consistency(FORGED.points)
     assert occlusion_consistency(CAVE).verdict == "no_trace"
@@ -168,6 +185,24 @@ def test_printed_sum_depends_on_the_order() -> None:
     base = marked([0, 1, 2], 2.5)
     assert marked([0, 2, 1], 2.5) == base + 1
     assert marked([0, 1, 2], 1.5) == marked([0, 2, 1], 1.5)
+
+
+def test_regions_of_the_printed_sum_have_points() -> None:
+    """Its gaps exceed the limit where no point is so far in front of another."""
+    near = CAVE[:, :2].max() / 2 * np.array([1.0, 0.0, 0.0])
+    rng = np.random.default_rng(0)
+    patch = near + rng.normal(0.0, [0.02, 0.2, 0.2], (4000, 3))  # 0.1 m thick
+    hidden = (np.abs(CAVE[:, 1]) < 2.0) & (np.abs(CAVE[:, 2]) < 2.0) & (CAVE[:, 0] > 0.0)
+    scan = np.concatenate([CAVE[~hidden], patch]).astype(np.float32)
+    parameters = OcclusionParameters(min_gap=0.3, accumulate=True, min_cells=20, min_area=0.0)
+    result = occlusion_consistency(scan, parameters=parameters)
+    assert result.verdict == "tampered"
+    region = result.regions[0]
+    assert region.range == pytest.approx(near[0], rel=0.05)
+    assert region.area > 0.01
+    assert len(region.rows) > region.cells / 2
+    assert np.isin(region.rows, np.arange(len(scan) - 4000, len(scan))).all()
+    assert np.abs(region.box.center - near).max() < 0.2
 
 
 def test_fused_scans_are_undecidable() -> None:
