@@ -20,7 +20,7 @@ struct StereoView {
 };
 
 struct DisparityView {
-  const float* data = nullptr;  ///< (height, width), pixels; values not above 0 are unmeasured.
+  const float* data = nullptr;  ///< (height, width), pixels; up to 0.001: not measured.
   std::int64_t height = 0, width = 0;
   /// Grey levels of the left picture, (height, width); null: no cell is dark.
   const std::uint8_t* grey = nullptr;
