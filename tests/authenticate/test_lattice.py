@@ -684,6 +684,8 @@ def test_a_reason_names_what_was_added_and_what_was_removed() -> None:
     )
     kept = both.without(["void"])
     assert kept.reason == judged(lifted).reason == "points lie where the sensor cannot measure"
+    assert kept.score == pytest.approx(judged(lifted).score)
+    assert both.without(["line", "step"]).score < both.score == both.without(()).score
 
 
 def test_turn_before_tells_what_was_removed() -> None:

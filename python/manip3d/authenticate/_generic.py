@@ -317,7 +317,7 @@ class GenericResult(Showable):
         tests = math.log10(1 + sum(said.used for said in self.evidence.values()))
         if not set(STRAYING).isdisjoint(kinds):
             kinds = (*kinds, "scattered", "copied")
-        kept = []
+        kept, score = [], 0.0
         for region in self.regions:
             strength = {k: s for k, s in region.strength.items() if k not in kinds}
             logs = [_log10_p(self.rules.get(k, k), s, points) for k, s in strength.items()]
@@ -325,6 +325,7 @@ class GenericResult(Showable):
             log = min(0.0, tests + best)
             if is_alarm(log, self.false_alarm_rate):
                 kept.append(replace(region, p_value=10.0**log, strength=strength))
+                score = max(score, abs(best))
         evidence = {
             kind: replace(said, used=False, reason=REASONS[why])
             if kind in kinds and said.used
@@ -340,7 +341,7 @@ class GenericResult(Showable):
             verdict="tampered" if kept else quiet,
             reason=reason,
             p_value=min((region.p_value for region in kept), default=1.0),
-            score=self.score if kept else 0.0,
+            score=score,
             evidence=evidence,
             regions=tuple(kept),
             suspected=np.unique(np.concatenate(rows)) if rows else np.empty(0, np.int64),
