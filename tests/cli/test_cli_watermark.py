@@ -19,7 +19,14 @@ import pytest
 
 import command_line
 import manip3d
-from manip3d.authenticate import KeyFile, Watermarked, Watermarker, _watermark_drives, embed_files
+from manip3d.authenticate import (
+    KeyFile,
+    Watermarked,
+    Watermarker,
+    _watermark_drives,
+    embed_files,
+    verify_files,
+)
 from manip3d.cli import main
 from manip3d.cli.terminal import Terminal
 from manip3d.cli.watermark import _write_private
@@ -166,6 +173,7 @@ def test_scans_that_nobody_signed_are_not_replaced_beside_signed_ones(
 ) -> None:
     """One record in the folder stood for all of its scans, and the others were deleted."""
     frame_of(signed, 2).with_name("0000000002.bin.wm").unlink()
+    scan(9).write(frame_of(signed, 2))
     before = frame_of(signed, 2).read_bytes()
     frame_of(drive, 3).unlink()
     done = run("embed", drive, "--key", key, "-o", signed, "--force")
@@ -174,6 +182,52 @@ def test_scans_that_nobody_signed_are_not_replaced_beside_signed_ones(
     )
     assert frame_of(signed, 2).read_bytes() == before
     assert frame_of(signed, 3).is_file()
+
+
+@pytest.mark.parametrize("embedding", ["lbm", "detached"])
+@pytest.mark.parametrize("number", [0, 2])
+def test_a_drive_is_replaced_after_a_kill_between_a_scan_and_its_record(
+    key: Path, drive: Path, signed: Path, number: int, embedding: str
+) -> None:
+    """The scan without a record was taken for one that nobody signed, and the drive stayed torn."""
+    record = frame_of(signed, number).with_name(f"{number:010d}.bin.wm")
+    told = record.read_bytes()
+    record.unlink()
+    command = ("embed", drive, "--key", key, "-o", signed, "--embedding", embedding, "--force")
+    assert run(*command).exit_code == 0
+    assert record.read_bytes() != told
+    assert verify(signed, key)[0] == 0
+    for torn in (number, 3):  # no kill leaves two
+        frame_of(signed, torn).with_name(f"{torn:010d}.bin.wm").unlink()
+    refused = run(*command)
+    assert "which would be lost, such as 0000000003" in str(refused.exception)
+
+
+def test_a_drive_is_signed_by_a_watermarker_that_embedded_nothing(
+    key: Path, drive: Path, tmp_path: Path, full_disk: dict[str, int]
+) -> None:
+    """Its frames would be those of a session without a beginning."""
+    out = tmp_path / "signed"
+    with KeyFile(key) as secret, Watermarker(secret) as marker:
+        with pytest.raises(OSError, match="No space left"):
+            embed_files(marker, drive, out)
+        full_disk["left"] = 9
+        for replace in (False, True):
+            with pytest.raises(InputError, match="marker: expected one that has embedded no frame"):
+                embed_files(marker, drive, out, replace=replace)
+        assert [each.was_there for each in embed_files(Watermarker(secret), drive, out)] == [
+            True, True, False, False
+        ]  # fmt: skip
+        assert verify_files(marker, out).verdict == "authentic"
+
+
+@pytest.mark.parametrize("name", ["mistyped", "mistyped.bin", "mistyped.bin.wm"])
+def test_a_source_that_is_missing_has_no_verdict(key: Path, tmp_path: Path, name: str) -> None:
+    with KeyFile(key) as secret, Watermarker(secret) as marker:
+        with pytest.raises(FileNotFoundError, match=name):
+            verify_files(marker, tmp_path / name)
+        with pytest.raises(FileNotFoundError, match=name):
+            embed_files(marker, tmp_path / name, tmp_path / "out.bin")
 
 
 @pytest.mark.parametrize("number", [3, 7])

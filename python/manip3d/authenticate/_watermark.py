@@ -433,6 +433,11 @@ class Watermarker(Closing):
         return EMBEDDINGS[self._embedding]
 
     @property
+    def units_per_m(self) -> int:
+        """Grid steps per metre of `embed`."""
+        return self._options[3]
+
+    @property
     def session(self) -> str:
         """Hexadecimal identifier of the session of `embed`, drawn at its first frame."""
         return "" if self._embedder is None else self._embedder.session.hex()
@@ -585,7 +590,7 @@ class Watermarker(Closing):
             place = np.zeros(3)
         else:
             place = np.round((frame.exact.min(axis=0) + frame.exact.max(axis=0)) / 2.0)
-        steps = place * self._options[3]
+        steps = place * self.units_per_m
         if not (np.abs(steps) < _FARTHEST_STEP).all():
             where = ", ".join(f"{metres:.0f}" for metres in place.tolist())
             whose = "points: expected coordinates" if self._origin is None else "origin: expected"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections import Counter
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -185,7 +185,7 @@ def embed_files(
     Parameters
     ----------
     marker : Watermarker
-        Watermarker with a key and an embedding.
+        Watermarker with a key and an embedding, which has embedded no frame.
     source : path
         Path of a scan, or folder of a KITTI drive.
     output : path
@@ -212,10 +212,11 @@ def embed_files(
     Raises
     ------
     InputError
-        ``output`` exists and is no unfinished session of this drive, or with ``replace`` holds a
-        scan without a watermark, or by a link the files of ``source``; another program is writing
-        there; the folder has no scans, or two that would be written to the same file; a scan is
-        signed already; or the format does not preserve coordinates (`write_watermarked`).
+        ``marker`` has embedded a frame; ``output`` exists and is no unfinished session of this
+        drive, or with ``replace`` holds a scan without a watermark, or by a link the files of
+        ``source``; another program is writing there; the folder has no scans, or two that would be
+        written to the same file; ``picture`` is no folder of the drive; a scan is signed already;
+        the format does not preserve coordinates (`write_watermarked`); or as `Watermarker.embed`.
     FormatError, OSError
         A file cannot be read or written. A note of the error states how many scans were written.
 
@@ -236,7 +237,13 @@ def embed_files(
     'authentic'
     """
     begin, target = path_of(source), path_of(output)
+    if marker.session:
+        raise InputError(
+            "marker: expected one that has embedded no frame, since the scans are a session of "
+            "their own; a new Watermarker also goes on after an interrupted run"
+        )
     if not begin.is_dir():
+        begin.stat()  # a missing source is an OSError that names it
         _check_scan(target, picture, replace=replace)
         seen = Path(picture) if picture else None
         if not again:
@@ -275,9 +282,7 @@ def _embed_drive(
     done = [] if replace else _go_on(marker, works)
     if not (replace or done) and _holds_files(target):
         raise InputError(f"output: {target} exists already; replace=True replaces its scans")
-    # A run that was cut off may have left its last scan without the record.
-    torn = [] if replace else [work.target for work in works[len(done) : len(done) + 1]]
-    _refuse_unsigned(target, works, torn)
+    _refuse_unsigned(target, works, len(done), marker.units_per_m)
     pictures = {work.shown for work in works if work.shown is not None}
     with reporting(progress, "embed") as report, _noting_what_is_done(target, works, done):
         for number, work in enumerate(works[len(done) :], len(done) + 1):
@@ -383,8 +388,6 @@ def _go_on(marker: Watermarker, works: Sequence[_Work]) -> list[EmbeddedScan]:
     """
     done: list[EmbeddedScan] = []
     last: WatermarkResult | None = None
-    if marker.session:
-        return done
     policy = Policy(
         embeddings=(marker.embedding,),
         carriers=("sidecar" if works[0].shown is None else "picture",),
@@ -440,6 +443,14 @@ def _is_made_of(marked: LidarFrame, source: LidarFrame, units_per_m: int) -> boo
     return bool((moves <= 3.0 / units_per_m).all())  # two steps, and rounding of float32
 
 
+def _is_made_from(marked: Path, scan: Path, units_per_m: int) -> bool:
+    """Whether a file holds the points of a scan, moved by rounding and embedding at most."""
+    try:
+        return _is_made_of(read_scan(marked), read_scan(scan), units_per_m)
+    except (FormatError, InputError, OSError):
+        return False
+
+
 def _intensity_of(frame: LidarFrame) -> NDArray[np.float32]:
     """Intensities; 0 without any, as formats that always have them are written."""
     if frame.intensity is None:
@@ -482,24 +493,33 @@ def _refuse_signed(pictures: Mapping[Path, Path | None]) -> None:
     )
 
 
-def _refuse_unsigned(target: Path, works: Sequence[_Work], torn: Collection[Path]) -> None:
+def _refuse_unsigned(target: Path, works: Sequence[_Work], num_done: int, units_per_m: int) -> None:
     """Raise InputError if a scan that would be lost is not signed, since it may be an original.
 
-    Scans in ``torn`` are known to be none.
+    A run that was killed may have left its last scan without the record. It is the first one after
+    those of the session that goes on, or the first unsigned one if it was made of the same scan.
     """
     folders = {work.target.parent for work in works}
     files = [p for f in folders if f.is_dir() for p in sorted(f.iterdir()) if p.is_file()]
-    scans = [p for p in files if scan_suffix(p) in FOLDER_SUFFIXES and p not in torn]
+    next_one = {work.target for work in works[num_done : num_done + 1] if num_done}
+    scans = [p for p in files if scan_suffix(p) in FOLDER_SUFFIXES and p not in next_one]
     bare = [scan for scan in scans if not find_record(scan).is_file()]
     if not bare:
         return
     carriers = _carrier_folders(target)
-    for scan in bare:
-        if not any(_carries_record(_picture_of(scan, folder)) for folder in carriers):
-            raise InputError(
-                f"output: {target} holds scans that nobody signed, which would be lost, such as "
-                f"{scan.name}; expected a new folder or a signed drive"
-            )
+    unsigned = [
+        scan
+        for scan in bare
+        if not any(_carries_record(_picture_of(scan, folder)) for folder in carriers)
+    ]
+    torn = next((work for work in works if work.target in unsigned), None)
+    if torn is not None and _is_made_from(torn.target, torn.scan, units_per_m):
+        unsigned.remove(torn.target)
+    if unsigned:
+        raise InputError(
+            f"output: {target} holds scans that nobody signed, which would be lost, such as "
+            f"{unsigned[0].name}; expected a new folder or a signed drive"
+        )
 
 
 def _carrier_folders(drive: Path) -> list[Path]:
@@ -593,10 +613,10 @@ def verify_files(
     Raises
     ------
     InputError
-        The folder has no scans, the source is the record of a scan that is there, or ``record`` is
-        given with a drive or a picture.
+        The folder has no scans, the source is the record of a scan that is there, ``record`` is
+        given with a drive or a picture, or ``picture`` is no folder of the drive.
     FormatError, OSError
-        A single file cannot be read.
+        A single file cannot be read, or there is neither a scan nor a record of it.
 
     Examples
     --------
@@ -674,6 +694,8 @@ def _verified(
         why = f"unreadable: {error}"
         return marker.verify_without_scan(told, why, policy=policy, picture=shown)
     if read is None:
+        if told is None and shown is None and not in_drive:
+            scan.stat()  # a missing source is an OSError that names it
         why = "the record's scan is missing"
         return marker.verify_without_scan(told, why, policy=policy, picture=shown)
     return of_file(marker.verify(read, told, policy=policy, picture=shown))
