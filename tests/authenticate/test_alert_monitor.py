@@ -871,28 +871,43 @@ def test_a_velocity_that_is_no_number_is_an_unknown_motion() -> None:
         (None, None, 7.0, 7.1, 7.2),
         (None,) * 5,
         (3.0, None, None, None, None),
+        (0.0, 0.1, 50.0, 0.3, 0.4),
+        (0.0, 0.1, -50.0, 0.3, 0.4),
+        (0.0, 0.2, 0.1, 0.3, 0.4),
     ],
 )
-def test_a_moment_without_a_time_follows_by_a_turn(times: tuple[float | None, ...]) -> None:
+def test_the_motion_is_that_of_the_time_since_the_first_moment(
+    times: tuple[float | None, ...],
+) -> None:
     monitor = AlertMonitor(every_s=math.inf)
     moments = [DriveMoment(FRAME, velocity=(10.0, 0.0, 0.0), time_s=time_s) for time_s in times]
     watch_drive(monitor, moments)
     assert monitor._risk._pose == pytest.approx((4.0, 0.0, 0.0))
 
 
-def test_a_drive_that_is_played_begins_with_its_first_time(
-    monkeypatch: pytest.MonkeyPatch,
+@pytest.mark.parametrize(
+    ("times", "waits"),
+    [
+        ((1.3e9, 1.3e9 + 0.5), [0.5]),
+        ((None, 1.3e9, 1.3e9 + 0.5), [0.1, 0.5]),
+        ((0.0, 1e300, 0.2, 0.3), [10.0, 0.1]),
+        ((1e300, 0.1, 0.2), [0.1]),
+        ((0.0, 0.2, 0.1, 0.3), [0.2, 0.1]),
+        ((0.0, -1.7e308, 1.7e308, 0.1), [10.0]),
+    ],
+)
+def test_a_drive_that_is_played_waits_for_the_next_moment_only(
+    monkeypatch: pytest.MonkeyPatch, times: tuple[float | None, ...], waits: list[float]
 ) -> None:
-    """A first scan without a time counted as time 0, and the second one came 41 years later."""
+    """One wrong time made it wait for years, and left out all moments after it."""
     slept: list[float] = []
-
-    def sleep(seconds: float) -> None:
-        slept.append(seconds)
-
-    monkeypatch.setattr(_watch, "time", SimpleNamespace(monotonic=lambda: sum(slept), sleep=sleep))
-    moments = [DriveMoment(FRAME, time_s=time_s) for time_s in (None, 1.3e9, 1.3e9 + 0.5)]
-    watch_drive(AlertMonitor(every_s=math.inf), moments, live=True)
-    assert slept == pytest.approx([0.1, 0.5])
+    clock = SimpleNamespace(monotonic=lambda: sum(slept), sleep=slept.append)
+    monkeypatch.setattr(_watch, "time", clock)
+    alerts: list[Alert] = []
+    moments = [DriveMoment(FRAME, time_s=time_s) for time_s in times]
+    watch_drive(AlertMonitor(every_s=math.inf), moments, live=True, show=alerts.append)
+    assert slept == pytest.approx(waits)
+    assert "skipped" not in [alert.verdict for alert in alerts]
 
 
 @pytest.mark.parametrize("live", [False, True])

@@ -26,6 +26,7 @@ TURN_S = 0.1
 """Seconds per turn of the scanner, for moments without a time."""
 
 _FARTHEST_BEHIND = 1.0  # seconds: longest time that a frame may wait for earlier frames
+_LONGEST_WAIT = 10.0  # seconds between two frames of a drive that is played
 
 
 class DriveMoment(NamedTuple):
@@ -138,7 +139,8 @@ def watch_drive(
         Speed of the car in moments without a velocity.
     live : bool
         Play in real time: wait for the time of each moment, and skip moments that are more than one
-        second late.
+        second late. Times are not signed: a moment that is more than ten seconds after the one
+        before, or more than a second before it, is due after ten seconds or at once.
     whole : bool
         Require one complete session of the watermark, as in `verdict_of_alerts`. Give False for a
         part of a drive, and for a stream that goes on.
@@ -233,15 +235,16 @@ def _judged(
     The numbers of frames with an implausible motion, which counts as none, are appended to
     ``unmoved``.
     """
-    begin, clock = time.monotonic(), _DriveClock()
+    due, clock = time.monotonic(), _DriveClock()
     for number, moment in enumerate(moments):
         if not isinstance(moment, DriveMoment):
             raise InputError(f"moments: expected DriveMoments, got {type(moment).__name__}")
         if moment.time_s is not None and not math.isfinite(moment.time_s):
             raise InputError(f"moments: expected finite times, got {moment.time_s}")
         step, waited = clock.advance(moment.time_s), 0.0
+        due += step if -_FARTHEST_BEHIND <= step < 0.0 else min(max(step, 0.0), _LONGEST_WAIT)
         if live:
-            late = time.monotonic() - begin - clock.elapsed
+            late = time.monotonic() - due
             if late < 0.0:
                 time.sleep(-late)
             waited = max(late, 0.0)
@@ -265,32 +268,24 @@ def _judged(
 
 
 class _DriveClock:
-    """Clock of a drive: a moment without a time follows the one before it by a turn.
-
-    It begins at the first moment, and states the drive's time once a moment has told it.
-    """
+    """Clock of a drive: a moment without a time follows the one before it by a turn."""
 
     def __init__(self) -> None:
-        self.elapsed = 0.0  # seconds since the first moment
-        self._begin: float | None = None  # time of the first moment
+        self.now: float | None = None  # the drive's time, once a moment has told it
         self._is_running = False
 
-    @property
-    def now(self) -> float | None:
-        return None if self._begin is None else self._begin + self.elapsed
-
     def advance(self, time_s: float | None) -> float:
-        """Go on to the next moment; return the seconds since the one before, at least 0."""
-        before = self.elapsed
-        turn = TURN_S if self._is_running else 0.0
+        """Go on to the next moment; return the seconds since the one before.
+
+        They are negative after a time that was wrong, which takes back the motion until then.
+        """
+        before, turn = self.now, TURN_S if self._is_running else 0.0
         self._is_running = True
-        if time_s is not None and self._begin is None:
-            self._begin = time_s - (before + turn)
-        if time_s is None or self._begin is None:
-            self.elapsed = before + turn
-        else:
-            self.elapsed = time_s - self._begin
-        return max(self.elapsed - before, 0.0)
+        if time_s is None:
+            self.now = None if before is None else before + turn
+            return turn
+        self.now = time_s
+        return turn if before is None else time_s - before
 
 
 def _with_scan(alert: Alert, moment: DriveMoment) -> Alert:
