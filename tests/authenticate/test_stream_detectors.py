@@ -161,6 +161,18 @@ def test_a_constant_of_missing_pixels_counts_as_missing(mark: int, soft: bool) -
     )
 
 
+@pytest.mark.parametrize("mark", [65535, 10000])
+def test_the_page_of_a_stream_shows_marked_pixels_as_missing(tmp_path: Path, mark: int) -> None:
+    """Marks were shown as the farthest surface, and the noise beside them as that of the depth."""
+    shown = []
+    for frames in (stream(6), marked(stream(6), mark)):
+        page = tmp_path / "stream.html"
+        report.write_stream_evidence(authenticate.inspect_stream(frames), frames, page)
+        shown.append(re.findall(r"base64,[^'\"]+|<svg.*?</svg>", page.read_text()))
+    assert len(shown[0]) == 8
+    assert shown[0] == shown[1]
+
+
 def test_a_wall_of_a_single_depth_is_measured() -> None:
     found = authenticate.inspect_stream(
         [replace(frame, depth=np.full_like(frame.depth, 2000)) for frame in stream()]

@@ -15,6 +15,7 @@ from manip3d._util.checked import checked
 from manip3d._util.html import html_page, html_table
 from manip3d._util.texts import counted
 from manip3d.authenticate import depth_noise
+from manip3d.authenticate._stream_marks import without_marks
 from manip3d.authenticate._stream_verdict import NO_POWER_HERE
 from manip3d.errors import InputError
 from manip3d.report._evidence import PAGE_STYLE
@@ -81,13 +82,14 @@ def write_stream_evidence(
 
 
 def _judged(inspection: StreamInspection, frames: Iterable[RgbdFrame]) -> list[RgbdFrame]:
+    """The frames that were judged, with depth 0 where a constant marks missing pixels."""
     some = list(frames)
     check_frames("frames", some)
     by_number = {frame.number: frame for frame in numbered(some, range(len(some)))}
     judged = [by_number[n] for n in inspection.numbers.tolist() if n in by_number]
     if not judged:
         raise InputError("frames: expected the frames that were judged, got none of them")
-    return judged
+    return without_marks(judged)[0]
 
 
 def _page(inspection: StreamInspection, frames: Sequence[RgbdFrame], source: str) -> str:
