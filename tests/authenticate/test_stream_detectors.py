@@ -1235,6 +1235,11 @@ def in_order(places: list[int]) -> list[RgbdFrame]:
         ([*range(4), *[4] * 6, *range(5, 12)], "frames 4 to 9 are the same"),
         ([*range(4)] * 5, "16 frames come again after others, frame 0 as frame 4 first"),
         ([*range(8), *range(8)[::-1]], "7 frames come again after others, frame 6 as frame 9"),
+        (
+            [*range(12), *[12] * 5, 13, *[14] * 5, 15, *[16] * 5, *range(4)],
+            "4 frames come again after others, frame 0 as frame 29 first; frames 12 to 16 are the "
+            "same; frames 18 to 22 are the same; 1 more run of the same frames",
+        ),
     ],
 )
 def test_frozen_and_looped_recordings_are_processed(places: list[int], reason: str) -> None:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from manip3d._util.texts import counted
 from manip3d.authenticate._stream_frames import MIN_PAIRS, whole_pairs
 from manip3d.authenticate._stream_verdict import StreamReport
 from manip3d.rgbd import RgbdFrame
@@ -138,17 +139,17 @@ def _repeated_frames(frames: Sequence[RgbdFrame], share: float) -> StreamReport:
     usual = float(np.median(lengths)) if len(lengths) else 1.0
     again = [begin for begin in begins if firsts[begin] < begin]
     told = []
-    for begin, length in zip(begins, lengths, strict=True):
-        if length >= _LONG_RUN and length > 2.0 * usual:
-            last = whole[begin + length - 1].number
-            told.append(f"frames {whole[begin].number} to {last} are the same")
     if len(again) >= _MIN_AGAIN:
         one, other = whole[firsts[again[0]]].number, whole[again[0]].number
         told.append(
             f"{len(again)} frames come again after others, frame {one} as frame {other} first"
         )
+    for begin, length in zip(begins, lengths, strict=True):
+        if length >= _LONG_RUN and length > 2.0 * usual:
+            last = whole[begin + length - 1].number
+            told.append(f"frames {whole[begin].number} to {last} are the same")
     if told:
-        more = f"; {len(told) - 3} more runs of the same frames" if len(told) > 3 else ""
+        more = f"; {counted(len(told) - 3, 'more run')} of the same frames" if len(told) > 3 else ""
         reason = "; ".join(told[:3]) + more
         return StreamReport("repetition", "processed", reason, share)
     num_same = len(firsts) - len(begins)
