@@ -364,6 +364,15 @@ def test_a_frame_that_was_refused_is_authentic_when_it_is_judged_again(
     assert again.number == 0
 
 
+def test_a_frame_that_was_refused_leaves_no_time_behind(tmp_path: Path) -> None:
+    with KeyFile(key_file(tmp_path / "key")) as key:
+        monitor = AlertMonitor(Watermarker(key))
+        assert monitor.judge(FRAME, speed_mps=1.0).witnesses["forensics"].reason != "not due"
+        with pytest.raises(InputError, match="record: cannot be given with a picture"):
+            monitor.judge(FRAME, record=b"", carrier=PICTURE, speed_mps=1.0, time_s=1e3)
+        assert monitor.judge(FRAME, speed_mps=1.0).witnesses["forensics"].reason == "not due"
+
+
 @pytest.mark.parametrize("several", [False, True])
 def test_what_cameras_and_forensics_cannot_do_is_their_word_and_the_frame_counts(
     several: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -252,6 +252,21 @@ def test_a_drive_that_failed_without_a_word_has_failed(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
+    ("drive", "message"),
+    [
+        ({"verdict": "processed"}, r"drives\[1\]: expected one of the verdicts failed, tampered, "),
+        ({"error": "torn"}, r"drives\[1\]: expected the field 'source', got error"),
+        ({"source": "b", "verdict": "tampered", "reason": ""}, "expected the field 'frames'"),
+    ],
+)
+def test_a_drive_that_cannot_be_ranked_is_named(
+    drive: dict[str, object], message: str, tmp_path: Path
+) -> None:
+    with pytest.raises(InputError, match=message):
+        write_alert_overview([{"source": "a"}, drive], tmp_path / "overview.html")
+
+
+@pytest.mark.parametrize(
     ("rows", "kinds"),
     [
         ([(1.0, {"reached": False}), (1.0, {}), (2.0, {})], ["value", "best", "value"]),

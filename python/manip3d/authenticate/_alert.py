@@ -246,8 +246,8 @@ class AlertMonitor:
                 raise InputError(f"unread: expected {known}, got {name!r}")
         with self._lock:
             started_s = self._clock() - waited_s
+            watermark, sworn = self._ask_watermark(frame, record, carrier)  # may refuse the frame
             stream_s = self._time_of_next(time_s)
-            watermark, sworn = self._ask_watermark(frame, record, carrier)
             cross, seen = (
                 self._ask_pairs(frame, pairs or {}, stream_s, started_s)
                 if self._rigs

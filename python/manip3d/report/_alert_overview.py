@@ -47,7 +47,8 @@ def write_alert_overview(
     Raises
     ------
     InputError
-        ``drives`` is empty, or ``output`` has another suffix.
+        ``drives`` is empty, a drive has another verdict or lacks a field, or ``output`` has another
+        suffix.
     OSError
         The page cannot be written; an existing file stays unchanged.
 
@@ -67,6 +68,8 @@ def write_alert_overview(
         raise InputError(f"output: expected a name that ends in .html, got {path.name}")
     if len(drives) == 0:
         raise InputError("drives: expected at least one, got none")
+    for number, drive in enumerate(drives):
+        _check_drive(f"drives[{number}]", drive)
     ranked = sorted(drives, key=lambda drive: _GRAVEST_FIRST.index(_verdict_of(drive)))
     counts = {name: sum(_verdict_of(drive) == name for drive in drives) for name in _GRAVEST_FIRST}
     told = ", ".join(f"{count} {_word(name)}" for name, count in counts.items() if count)
@@ -78,6 +81,16 @@ def write_alert_overview(
         + f"<p class=fine>The gravest first. manip3d {html.escape(__version__)}</p>"
     )
     atomic_write(path, page_bytes(html_page(f"{title}: {told}", STYLE, content)))
+
+
+def _check_drive(name: str, drive: Mapping[str, Any]) -> None:
+    verdict = _verdict_of(drive)
+    if verdict not in _GRAVEST_FIRST:
+        known = ", ".join(_GRAVEST_FIRST)
+        raise InputError(f"{name}: expected one of the verdicts {known}, got {verdict!r}")
+    for field in ("source",) if verdict == "failed" else ("source", "reason", "frames"):
+        if field not in drive:
+            raise InputError(f"{name}: expected the field {field!r}, got {', '.join(drive)}")
 
 
 def _verdict_of(drive: Mapping[str, Any]) -> str:
