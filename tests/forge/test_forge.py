@@ -409,6 +409,40 @@ def test_objects_are_not_moved_into_others() -> None:
         forge.rotation(_street(car, post), tight, angle=0.8)
 
 
+CAR_BOX = Box((5.0, 0.0, -0.3), (2.4, 2.4, 2.2))
+
+
+@pytest.mark.parametrize(
+    ("forged", "name"),
+    [
+        (lambda scan, torn: forge.additive(scan, torn, offset=(0, 6, 0)), "object_points"),
+        (lambda scan, torn: forge.additive_subtractive(scan, torn, CAR_BOX), "object_points"),
+        (lambda scan, torn: forge.replacement(scan, torn, CAR_BOX), "object_points"),
+        (forge.range_scale, "hoax"),
+        (lambda scan, torn: forge.range_scale(torn, scan), "scan"),
+    ],
+)
+def test_coordinates_that_are_not_finite_are_of_the_argument_that_has_them(
+    forged: Callable[[np.ndarray, np.ndarray], object], name: str
+) -> None:
+    """The scale of a scan with one of them was NaN, and objects were refused for their offset."""
+    car = np.mgrid[4:6:0.2, -1:1:0.2, -1.2:0.4:0.2].reshape(3, -1).T.astype(np.float32)
+    torn = car.copy()
+    torn[7, 1] = np.nan
+    with pytest.raises(InputError, match=f"^{name}: expected finite numbers, got others in row 7"):
+        forged(_street(car), torn)
+
+
+def test_the_extent_of_a_scan_may_exceed_float32() -> None:
+    scan = np.array([[-3e38, 0, 0], [3e38, 0, 0]], np.float32)
+    assert forge.range_scale(scan, [[0, 0, 0], [2, 0, 0]]) == pytest.approx(3e38)
+
+
+def test_a_row_that_is_given_twice_is_removed_once() -> None:
+    forged = forge.subtract(room(), rows=[3, 3, 8])
+    assert forged.parameters["rows"] == len(forged.removed) == 2
+
+
 def test_an_object_above_the_scanner_can_turn_but_has_no_side() -> None:
     blob = np.random.default_rng(0).normal(size=(50, 3)).astype(np.float32)
     box = Box((0.0, 0.0, 0.0), (2.0, 2.0, 2.0))

@@ -25,6 +25,7 @@ from manip3d.forge._truth import (
     Forgery,
     box_arguments,
     check_chosen,
+    check_finite,
     check_moved,
     renamed,
     to_forgery,
@@ -56,7 +57,8 @@ def additive(
     scan : LidarFrame, (N, 3) or (N, 4) float32
         Scan in metres, z up.
     object_points : LidarFrame, (K, 3) or (K, 4)
-        Points of the object at their place in their own frame.
+        Points of the object at their place in their own frame. A point at its origin is a point
+        like others.
     offset : (3,), metres
         Vector by which they are shifted.
     allow_collision : bool
@@ -71,7 +73,7 @@ def additive(
     Raises
     ------
     InputError
-        The object has no points, or it collides with scene points.
+        The object has no points, or one that is not finite, or it collides with scene points.
 
     Examples
     --------
@@ -84,7 +86,7 @@ def additive(
     <manip3d.forge.Forgery: additive; 2896 points, 800 added, 0 moved, 0 removed>
     """
     scene = to_scan(scan)
-    added = _shifted(to_scan(object_points), offset)
+    added = _shifted(_object_of(object_points), offset)
     if not allow_collision:
         _check_free(scene, added.points, threads)
     return _edited("additive", scene, np.empty(0, np.int32), added, threads)
@@ -154,7 +156,8 @@ def additive_subtractive(
     scan : LidarFrame, (N, 3) or (N, 4) float32
         Scan in metres, z up.
     object_points : LidarFrame, (K, 3) or (K, 4)
-        Points of the object to append, at their place in their own frame.
+        Points of the object to append, at their place in their own frame. A point at its origin is
+        a point like others.
     box : Box, optional
         Box around the object to delete; default: that of `nearest_object`.
     offset : (3,), metres
@@ -189,7 +192,7 @@ def additive_subtractive(
     <manip3d.forge.Forgery: additive_subtractive; 2096 points, 800 added, 0 moved, 800 removed>
     """
     scene, target = _target(scan, box, origin)
-    added = _shifted(to_scan(object_points), offset)
+    added = _shifted(_object_of(object_points), offset)
     gone = _core.points_in_box(scene.points, box_arguments(target), threads_of(threads))
     check_chosen(gone)
     if not allow_collision:
@@ -216,7 +219,8 @@ def replacement(
     scan : LidarFrame, (N, 3) or (N, 4) float32
         Scan in metres, z up.
     object_points : LidarFrame, (K, 3) or (K, 4)
-        The new object; its place in its own frame does not matter.
+        The new object; its place in its own frame does not matter. A point at its origin is a point
+        like others.
     box : Box, optional
         Box around the object to delete; default: that of `nearest_object`.
     origin : (3,), optional
@@ -234,8 +238,8 @@ def replacement(
     Raises
     ------
     InputError
-        The new object has no points, or would collide with scene points; no object is found, or no
-        point of the scan is in the box.
+        The new object has no points, or one that is not finite, or would collide with scene points;
+        no object is found, or no point of the scan is in the box.
 
     Examples
     --------
@@ -251,9 +255,7 @@ def replacement(
     scene, target = _target(scan, box, origin)
     gone = _core.points_in_box(scene.points, box_arguments(target), threads_of(threads))
     check_chosen(gone)
-    pasted = to_scan(object_points)
-    if not len(pasted.points):
-        raise InputError("object_points: expected points, got none")
+    pasted = _object_of(object_points)
     center = scene.points[gone].mean(axis=0, dtype=np.float64)
     offset = center - pasted.points.mean(axis=0, dtype=np.float64)
     added = _shifted(pasted, offset)
@@ -428,10 +430,16 @@ def _target(scan: ScanLike, box: Box | None, origin: ArrayLike | None) -> tuple[
     return to_scan(scan), nearest_object(scan, origin=origin) if box is None else box
 
 
+def _object_of(object_points: ArrayLike | LidarFrame) -> Scan:
+    given = to_scan(object_points)
+    if not len(given.points):
+        raise InputError("object_points: expected points, got none")
+    check_finite(given.points, "object_points")
+    return given
+
+
 def _shifted(added: Scan, offset: ArrayLike) -> Scan:
     shift = vector(offset, 3, "offset")
-    if not len(added.points):
-        raise InputError("object_points: expected points, got none")
     shifted = added.points + shift
     if np.abs(shifted).max() > np.finfo(np.float32).max:
         raise InputError("offset: takes points beyond the finite floats")

@@ -20,6 +20,7 @@ from manip3d.forge._truth import (
     ObjectLike,
     box_arguments,
     check_chosen,
+    check_finite,
     check_moved,
     rotation_matrix,
     to_forgery,
@@ -235,7 +236,8 @@ def range_scale(scan: ScanLike, hoax: ObjectLike) -> float:
     Raises
     ------
     InputError
-        One of them is empty, or all points of the hoax are at one place.
+        One of them is empty or has a coordinate that is not finite, or all points of the hoax are
+        at one place.
 
     Examples
     --------
@@ -247,10 +249,17 @@ def range_scale(scan: ScanLike, hoax: ObjectLike) -> float:
     points = to_hoax(hoax, 0.0, scene).points
     if not (len(points) and len(scene.points)):
         raise InputError("hoax: expected points in the scan and in the hoax")
-    extent = float(np.ptp(points, axis=0).max())
+    check_finite(scene.points, "scan")
+    check_finite(points, "hoax")
+    extent = _extent(points)
     if not extent > 0.0:
         raise InputError("hoax: expected points at different places")
-    return float(np.ptp(scene.points, axis=0).max()) / extent
+    return _extent(scene.points) / extent
+
+
+def _extent(points: NDArray[np.float32]) -> float:
+    """Largest extent of points along an axis, which may exceed float32."""
+    return float(np.ptp(points.astype(np.float64), axis=0).max())
 
 
 @checked
@@ -267,7 +276,7 @@ def subtract(
         Box whose points are removed, also those on its faces. Rows at exactly (0, 0, 0) have no
         return and stay.
     rows : (K,) integers, optional
-        Rows to remove, instead of a box.
+        Rows to remove, instead of a box; a row that is given twice counts once.
     threads : int
         0: ``MANIP3D_THREADS``, else all cores. The result does not depend on it.
 
@@ -309,7 +318,7 @@ def subtract(
     parts = _core.replace_rows(
         scene.points, scene.intensity, gone, nothing, np.empty(0, np.float32), threads_of(threads)
     )
-    return to_forgery(parts, scene, "subtract", {"rows": len(gone)})
+    return to_forgery(parts, scene, "subtract", {"rows": len(np.unique(gone))})
 
 
 @checked

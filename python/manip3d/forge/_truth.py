@@ -250,6 +250,13 @@ def renamed(forgery: Forgery, attack: str, parameters: Mapping[str, Any]) -> For
     return replace(forgery, attack=attack, parameters=ReadOnlyMapping(parameters))
 
 
+def check_finite(points: Points, name: str) -> None:
+    """Raise InputError for a coordinate that is not finite."""
+    wrong = np.flatnonzero(~np.isfinite(points).all(axis=1))
+    if len(wrong):
+        raise InputError(f"{name}: expected finite numbers, got others in row {wrong[0]}")
+
+
 def box_arguments(box: Box) -> tuple[tuple[float, float, float], tuple[float, float, float], float]:
     """A box as arguments of the core."""
     return box.center, box.size, box.yaw
