@@ -166,6 +166,7 @@ def region(kind: str, x: float, y: float, area: float) -> CrossModalRegion:
         ([("added", 10, 0, 2), ("missing", 14.9, 0, 2)], "modification"),  # near
         ([("added", 10, 0, 2), ("missing", 30, 0, 5.9)], "modification"),  # same direction
         ([("added", 10, 0, 2), ("missing", 30, 0, 6.1)], "both"),  # of another size
+        ([("added", 10, 0, 2), ("missing", 30, 0, 0)], "both"),
         ([("added", 10, 0, 2), ("missing", 10, 8, 2)], "both"),
     ],
 )  # fmt: skip

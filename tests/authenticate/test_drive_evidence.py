@@ -131,6 +131,10 @@ def test_bad_rates_are_named() -> None:
     for name in ("alarms_per_hour", "frames_per_second"):
         with pytest.raises(InputError, match=name):
             drive_evidence([], **{name: 0.0})
+    for rate in (36000.0, 1e6):  # each frame was an alarm, also those that nobody judged
+        with pytest.raises(InputError, match="fewer than the 36000 frames of an hour, got"):
+            drive_evidence([None], alarms_per_hour=rate)
+    assert drive_evidence([None], alarms_per_hour=35999.0).alarms == ()
     with pytest.raises(InputError, match="p_value"):
         likelihood_ratio(2.0)
 

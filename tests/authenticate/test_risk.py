@@ -180,6 +180,8 @@ def test_the_region_and_the_limits_include_their_ends() -> None:
     expected = np.ones((2, 4), bool)
     expected[1, 2] = False
     np.testing.assert_array_equal(p.contains(grid, 20.0), expected)
+    far_aside = np.array([[8, -128, 0], [8, 127, 0], [8, 0, 0]], np.int8)
+    assert p.contains(far_aside, 10.0).tolist() == [False, False, True]
     for points in (5.0, [1.0, 2.0], np.ones(3, bool), np.ones((3, 2))):
         with pytest.raises(InputError, match=r"points: expected numbers of shape"):
             p.contains(points, 10.0)

@@ -567,8 +567,8 @@ def _is_moved_away(missing: CrossModalRegion) -> bool:
 def _is_one_object(added: CrossModalRegion, missing: CrossModalRegion) -> bool:
     if math.dist(added.box.center[:2], missing.box.center[:2]) <= NEAR_M:
         return True
-    ratio = max(added.area, missing.area) / min(added.area, missing.area)
-    return _overlap(added.azimuth, missing.azimuth) and ratio <= COMPARABLE
+    small, large = sorted((added.area, missing.area))
+    return _overlap(added.azimuth, missing.azimuth) and large <= COMPARABLE * small
 
 
 def _overlap(a: tuple[float, float], b: tuple[float, float]) -> bool:

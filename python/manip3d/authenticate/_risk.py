@@ -146,7 +146,8 @@ class RiskParameters:
         inside: NDArray[np.bool_] = (
             (ahead >= self.nearest_m)
             & (ahead <= self.safe_distance(speed_mps))
-            & (abs(left) <= self.half_width_m)
+            & (left >= -self.half_width_m)  # abs(-128) is -128 in int8
+            & (left <= self.half_width_m)
             & (up >= self.bottom_m)
             & (up <= self.top_m)
         )

@@ -92,7 +92,8 @@ def drive_evidence(
     found : sequence of Inspection or None
         Inspections in the order of the drive, as `inspect_drive` yields them.
     alarms_per_hour : float
-        Largest mean number of false alarms per hour of clean driving; positive.
+        Largest mean number of false alarms per hour of clean driving; positive, and less than the
+        number of frames.
     frames_per_second : float
         Turns of the scanner per second; positive.
 
@@ -103,7 +104,7 @@ def drive_evidence(
     Raises
     ------
     InputError
-        A rate is not positive.
+        A rate is not positive, or there would be an alarm in every frame.
 
     Notes
     -----
@@ -127,7 +128,13 @@ def drive_evidence(
     ):
         if not (value > 0.0 and math.isfinite(value)):
             raise InputError(f"{name}: expected a number > 0, got {value!r}")
-    threshold = max(0.0, math.log10(3600.0 * frames_per_second / alarms_per_hour))
+    frames_per_hour = 3600.0 * frames_per_second
+    if not alarms_per_hour < frames_per_hour:
+        raise InputError(
+            f"alarms_per_hour: expected fewer than the {frames_per_hour:g} frames of an hour, got "
+            f"{alarms_per_hour:g}"
+        )
+    threshold = math.log10(frames_per_hour / alarms_per_hour)
     ratios = np.array([_log10_ratio(each) for each in found], np.float64)
     evidence = np.zeros(len(found))
     alarms = []
