@@ -978,6 +978,17 @@ def test_the_page_of_a_drive_without_frames_says_so(tmp_path: Path) -> None:
     assert "<span>no frames; lines at" in page.read_text()
 
 
+def test_a_view_from_above_has_at_most_2500_points(tmp_path: Path) -> None:
+    scan = LidarFrame(np.linspace((2, -4, 0), (9, 4, 1), 4999, dtype=np.float32))
+    with KeyFile(key_file(tmp_path / "key")) as key:
+        monitor = AlertMonitor(Watermarker(key), every_s=math.inf)
+        timeline = AlertTimeline("drive")
+        timeline.add(monitor.judge(scan, speed_mps=1.0))
+    page = tmp_path / "page.html"
+    timeline.write(page, verdict="undecidable", reason="r", counts=monitor.counts)
+    assert page.read_text().count("h.01") == 2500
+
+
 def test_a_long_drive_keeps_few_bytes_of_a_frame(tmp_path: Path) -> None:
     """Memory grows by less than 300 bytes per frame, since alerts and records go to files.
 

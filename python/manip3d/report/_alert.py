@@ -494,7 +494,7 @@ def _from_above(alert: Alert) -> str:
         points = scan.points
         x, y, z = points[:, 0], points[:, 1], points[:, 2]
         ahead = (x >= -behind) & (x < _REACH) & (abs(y) < _SIDE) & (z > -1.4) & (z < 2.5)
-        some = points[ahead][:: max(1, int(ahead.sum()) // _DOTS)]
+        some = points[ahead][:: max(1, -(-int(ahead.sum()) // _DOTS))]
         dots = "".join(f"M{-y:.1f} {-x:.1f}h.01" for x, y, _ in some.tolist())
     shapes = "".join(
         f"<polygon points='{_outline(box)}' fill=none stroke="
