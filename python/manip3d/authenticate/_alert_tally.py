@@ -69,7 +69,7 @@ def verdict_of_alerts(alerts: Sequence[Alert], *, whole: bool = True) -> tuple[D
 
 
 class AlertTally:
-    """Verdict of a stream so far, in memory that does not grow with the number of frames.
+    """Verdict of a stream so far, in memory that grows with the watermark's sessions only.
 
     `verdict_of_alerts` returns the same verdict for a list of alerts.
 
@@ -87,7 +87,7 @@ class AlertTally:
         self._told = _Gravest()
         self._without_cameras = _Gravest()  # used if chance explains the cameras' accusations
         self._accused = self._seen = 0  # frames that the cameras accused and judged
-        self._why_blind = ""  # why nothing on this computer reads the pictures of the first frame
+        self._why_blind = ""  # first reason why nothing on this computer reads pictures
         self._stream = StreamTally()
 
     def __repr__(self) -> str:

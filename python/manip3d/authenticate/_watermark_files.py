@@ -586,10 +586,11 @@ def drive_numbers(folder: str | os.PathLike[str]) -> list[int]:
     `inspect_drive` only compares scans whose numbers differ by one. In a sequence (KITTI's raw
     drives, and its odometry sequences with ``times.txt``) the numbers are those in the file names.
     Elsewhere (KITTI's object and stereo benchmarks) each scan shows another place, and the numbers
-    are 0, 2, 4, ... If the drive has times (``timestamps.txt`` beside the scans, or ``times.txt``),
-    a gap of more than 0.15 s, 1.5 turns at 10 Hz, also makes a gap in the numbers, whatever the
-    file names are, because somebody may have kept every second scan and renamed the files. The time
-    of a line that cannot be read is unknown, and a warning names the line.
+    are 0, 2, 4, ..., as in a drive in which the name of a file is no number. If the drive has times
+    (``timestamps.txt`` beside the scans, or ``times.txt``), a gap of more than 0.15 s, 1.5 turns at
+    10 Hz, also makes a gap in the numbers, whatever the file names are, because somebody may have
+    kept every second scan and renamed the files. The time of a line that cannot be read is unknown,
+    and a warning names the line.
 
     Parameters
     ----------
@@ -599,12 +600,15 @@ def drive_numbers(folder: str | os.PathLike[str]) -> list[int]:
     Returns
     -------
     list of int
-        One number for each scan, in the order of `drive_scans`.
+        One number for each scan, in the order of `drive_scans`; in a drive without such scans, for
+        each text file or array (``.csv``, ``.npy``, ...) that holds points.
 
     Raises
     ------
     InputError
         The folder has neither ``velodyne_points/data`` nor ``velodyne``, or no scans.
+    FormatError, OSError
+        The file of times cannot be read.
 
     Examples
     --------
@@ -820,7 +824,7 @@ def verdict_of_stream(
 
 
 class StreamTally:
-    """Verdict of a stream so far, in memory that does not grow with the number of frames."""
+    """Verdict of a stream so far, in memory that grows with the number of sessions only."""
 
     def __init__(self) -> None:
         self._count = 0
