@@ -89,6 +89,8 @@ class OcclusionParameters:
     fused: float = 0.2
 
     def __post_init__(self) -> None:
+        if not self.min_area >= 0.0:
+            raise InputError(f"min_area: expected >= 0, got {self.min_area}")
         if not self.max_range > 0.0:
             raise InputError(f"max_range: expected > 0, got {self.max_range}")
         if not 0.0 < self.fused <= 1.0:
@@ -446,7 +448,7 @@ def _judged(
 ) -> tuple[Verdict, str]:
     """Verdict and reason; ``share`` of the ``occupied`` cells has a gap."""
     if occupied < MIN_CELLS:
-        return "undecidable", f"all points lie in {occupied} directions"
+        return "undecidable", f"all points lie in {counted(occupied, 'direction')}"
     if share > parameters.fused:
         reason = f"{share:.0%} of the directions hold several ranges: no single position"
         return "undecidable", reason
