@@ -723,6 +723,19 @@ def test_voxels_are_told_by_the_cells_that_no_two_points_share() -> None:
     assert edge_of_voxels(points) == 0.0
     assert edge_of_voxels(voxel_means(points, 0.012, np.zeros(3))) == 0.012
     assert edge_of_voxels(points[:100]) == 0.0  # none is near another one
+    assert edge_of_voxels(points[:100], np.empty(0, np.int64)) == 0.0  # no means, no filter
+
+
+def test_a_hole_in_a_shuffled_scan_is_of_no_voxels() -> None:
+    """0 points off the lattice were said to be the means of voxels."""
+    pytest.importorskip("open3d")
+    points = simulate.hdl64e(simulate.street(0)).points
+    away, azimuth = np.hypot(points[:, 0], points[:, 1]), np.arctan2(points[:, 1], points[:, 0])
+    rest = points[~((abs(azimuth) < 0.25) & (away > 8) & (away < 25))]
+    assert authenticate.inspect(rest, origin=(0, 0, 0), power=False).verdict == "tampered"
+    shuffled = np.random.default_rng(1).permutation(rest)
+    found = authenticate.inspect(shuffled, origin=(0, 0, 0), power=False)
+    assert [step.kind for step in found.processing] == ["shuffled"]
 
 
 def test_a_quarter_turn_is_not_said_to_lack_the_scanners_own_car() -> None:

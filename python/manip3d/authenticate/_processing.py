@@ -364,7 +364,7 @@ def _are_likely(away: NDArray[np.float32], expected: float, edge: float) -> bool
     share one of a grid anywhere.
     """
     are_close = bool((away < FAR_FROM_MEANS * edge).all())
-    return are_close and len(away) <= MEANS_PER_PAIR * expected
+    return are_close and 0 < len(away) <= MEANS_PER_PAIR * expected
 
 
 def _cells(points: NDArray[np.float32], edge: float, start: NDArray[np.float64]) -> NDArray[Any]:
