@@ -201,6 +201,13 @@ def test_reembedding_a_real_scan(realdata: RealData, tmp_path: Path) -> None:
 
 
 @pytest.mark.realdata
+@pytest.mark.parametrize("slices", [3, 361])
+def test_the_number_of_slices_is_that_of_the_blocks(slices: int) -> None:
+    points = np.ones((10, 3), np.float32)
+    with pytest.raises(InputError, match=f"blocks: expected 4 to 360 slices, got {slices}"):
+        embed_paper(points, noise_blocks(1, slices=slices, block_bits=2))
+
+
 def test_blocks_of_another_length_accuse_nobody() -> None:
     sent = embed_paper(frame(), BLOCKS)
     with pytest.raises(InputError, match="blocks: expected 100 bits for each slice, got 50"):

@@ -154,7 +154,7 @@ def embed_paper(
     scan : LidarFrame, (N, 3) or (N, 4) float32
         Scan in metres, on a grid of 1 mm.
     blocks : (S, M) of 0 and 1
-        Watermark image: a block of M bits for each of the S slices of the full turn.
+        Watermark image: a block of M bits for each of the S slices of the full turn, 4 to 360.
     embedding : 'lbm', 'qim' or 'qim-printed'
         ``lbm``: lowest bits of x, y and z. ``qim``: QIM of z in cells of 2.5 mm, after which the
         receiver finds the same order of points. ``qim-printed``: QIM by equations 7.1 to 7.3.
@@ -290,6 +290,8 @@ def _arguments(
     values = np.asarray(blocks)
     if values.ndim != 2 or not values.size:
         raise InputError(f"blocks: expected shape (S, M), got {values.shape}")
+    if not 4 <= len(values) <= 360:
+        raise InputError(f"blocks: expected 4 to 360 slices, got {len(values)}")
     bits = index_rows(values.astype(np.int32) if values.dtype == np.bool_ else values,
                       values.shape[1], "blocks")  # fmt: skip
     if bits.min() < 0 or bits.max() > 1:
