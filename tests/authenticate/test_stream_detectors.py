@@ -161,6 +161,13 @@ def test_a_constant_of_missing_pixels_counts_as_missing(mark: int, soft: bool) -
     )
 
 
+def test_the_page_of_a_stream_is_of_its_own_frames(tmp_path: Path) -> None:
+    found = authenticate.inspect_stream(stream(8, soft=False))
+    other = [upright(frame) for frame in stream(8)]
+    with pytest.raises(InputError, match="frames that were judged, got images of another size"):
+        report.write_stream_evidence(found, other, tmp_path / "stream.html")
+
+
 @pytest.mark.parametrize("mark", [65535, 10000])
 def test_the_page_of_a_stream_shows_marked_pixels_as_missing(tmp_path: Path, mark: int) -> None:
     """Marks were shown as the farthest surface, and the noise beside them as that of the depth."""

@@ -63,7 +63,8 @@ def write_stream_evidence(
     Raises
     ------
     InputError
-        The suffix is neither of the two, or ``frames`` has no frame that was judged (``.html``).
+        The suffix is neither of the two, or ``frames`` has no frame that was judged, or images of
+        another size (``.html``).
     MissingExtraError
         Pillow, which draws the frames, is not installed.
 
@@ -89,6 +90,9 @@ def _judged(inspection: StreamInspection, frames: Iterable[RgbdFrame]) -> list[R
     judged = [by_number[n] for n in inspection.numbers.tolist() if n in by_number]
     if not judged:
         raise InputError("frames: expected the frames that were judged, got none of them")
+    sizes = {frame.depth.shape for frame in judged} | {mask.shape for mask in inspection.masks}
+    if len(sizes) > 1:
+        raise InputError("frames: expected the frames that were judged, got images of another size")
     return without_marks(judged)[0]
 
 
