@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import json
+import shutil
 from collections.abc import Iterator, Mapping
 from contextlib import nullcontext
 from dataclasses import replace
@@ -94,6 +95,20 @@ def test_a_drive_is_a_line_a_scan_and_a_table(drive: Path, tmp_path: Path) -> No
     assert found[1]["regions"]
     assert json.loads((tmp_path / "found.json").read_text()) == whole
     assert run(drive, *lattice, "-q", "--policy", "tampered=9").exit_code == 9
+
+
+def test_several_drives_are_judged_as_a_whole_each(drive: Path, tmp_path: Path) -> None:
+    """Their scans were listed one by one, without their neighbours."""
+    other = drive.parent / "more" / "other"
+    shutil.copytree(drive, other)
+    (other / SCANS / "0000000001.bin").unlink()
+    options = ("--lattice", tmp_path / "lattice.json", "--jobs", 1, "--json", "-q")
+    for sources in ((drive, other), (tmp_path,)):
+        done = run(*sources, *options)
+        assert done.exit_code == 3, done.output
+        rows = json.loads(done.stdout)
+        assert [row["source"] for row in rows] == [str(drive), str(other)]
+        assert [(row["verdict"], row["scans"]) for row in rows] == [("tampered", 3), ("no_trace", 2)]
 
 
 def test_a_policy_can_act_on_remarks(drive: Path, tmp_path: Path) -> None:

@@ -38,7 +38,7 @@ _PICTURES = (".jpg", ".jpeg", ".bmp", ".tga", ".gif", ".webp")
 SHOWN = ("mesh", "scan", "range grid", "depth", "packets", "recording", "drive")
 """Kinds that ``info`` and ``view`` accept."""
 
-WHOLE = ("recording", "packets")
+WHOLE = ("recording", "packets", "drive")
 """Kinds of folders that are a single source, although they hold many files."""
 
 RECORDING = ("recording",)
