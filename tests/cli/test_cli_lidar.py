@@ -215,7 +215,7 @@ def test_an_attack_uses_the_options_of_its_list(attack: str, scan: Path, tmp_pat
 
     with suppress(manip3d.InputError):  # the scan is on no lattice, and its room is full
         ATTACKS[attack].forge(manip3d.io.read_scan(scan), cast(Order, Watched()))
-    assert read - {"seed", "threads", "say"} == set(ATTACKS[attack].options)
+    assert read - {"threads", "say"} == set(ATTACKS[attack].options)
 
 
 @pytest.mark.parametrize("several", [False, True])
@@ -225,7 +225,7 @@ def test_options_that_an_attack_does_not_use_are_refused(
     options = {
         "hoax": ("nope.ply",), "position": (9, 2, -1), "scale": (2,), "yaw": (3,), "up": ("y",),
         "printed": (), "range_noise": (0.1,), "box": (6, 0, 0, 4, 4, 4, 0), "amplitude": (0.2,),
-        "distance": (1,), "allow_collision": (), "lattice": ("nope.json",),
+        "distance": (1,), "allow_collision": (), "lattice": ("nope.json",), "seed": (1,),
     }  # fmt: skip
     assert set(options) == {name for each in ATTACKS.values() for name in each.options}
     more = ("--table", tmp_path / "table.csv") if several else ()
@@ -239,6 +239,35 @@ def test_options_that_an_attack_does_not_use_are_refused(
     assert sorted(tmp_path.iterdir()) == before
     done = run("forge", "lidar", "subtract", scan, "-o", tmp_path / "out.bin", "--range-noise", 1)
     assert str(done.exception) == "--range-noise: can only be given with 'insert', got 'subtract'"
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (("replacement", "--scale", 0), "--scale: expected a finite number > 0, got 0.0"),
+        (("replacement", "--scale", -1), "--scale: expected a finite number > 0, got -1.0"),
+        (("ctp", "--scale", "inf"), "--scale: expected a finite number > 0, got inf"),
+        (("ctp", "--yaw", "nan"), "--yaw: expected a finite number, got nan"),
+        (("spoof", "--yaw", 7), "--yaw: expected at most one turn of 2 pi radians, got 7"),
+        (("deform", "--box", 6, 0, 0, "nan", 4, 4, 0), "--box: expected finite numbers"),
+    ],
+)
+def test_wrong_numbers_name_their_option(
+    words: tuple[object, ...], told: str, hoax: Path, scan: Path, tmp_path: Path
+) -> None:
+    attack, *more = words
+    more += {"ctp": ("--position", 9, 2, -1), "spoof": ("--box", 6, 0, 0, 4, 4, 4, 0)}.get(
+        attack, ()
+    )
+    thing = () if attack in ("deform", "spoof") else ("--hoax", hoax)
+    done = run("forge", "lidar", attack, scan, "-o", tmp_path / "out.bin", *thing, *more)
+    assert str(done.exception).startswith(told)
+
+
+def test_a_hoax_that_is_no_scan_is_named(hoax: Path, scan: Path, tmp_path: Path) -> None:
+    wrong = hoax.with_suffix(".obj")
+    done = run("forge", "lidar", "spoof", scan, "-o", tmp_path / "out.bin", "--hoax", wrong)
+    assert str(done.exception).startswith("--hoax: expected a point file")
 
 
 def test_the_box_of_the_nearest_object_is_printed(tmp_path: Path) -> None:

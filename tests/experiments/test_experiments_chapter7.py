@@ -172,6 +172,17 @@ def test_late_patterns_weigh_more_and_a_wrong_weight_is_told() -> None:
     assert len(experiment.figures(found)) == 1
 
 
+@pytest.mark.parametrize("name", ["table-7.2-cross-modal", "table-7.2", "figure-7.12", "sequences-3"])
+def test_no_seed_has_the_streets_or_frames_of_another(name: str) -> None:
+    """Cases take consecutive seeds, from that in their options on."""
+    (experiment,) = select([name])
+    first, second = (
+        [case.options["seed"] for case in experiment.cases(Plan(data="simulated", seed=seed))]
+        for seed in (0, 1)
+    )
+    assert min(second) - max(first) > 500
+
+
 def test_a_watermark_moves_points_by_what_is_printed(monkeypatch: pytest.MonkeyPatch) -> None:
     frame = manip3d.LidarFrame(grid_scan(40_000), reflectances(40_000))
     monkeypatch.setattr(_alert_set, "frames", lambda *_: iter([(0, frame, ()), (1, frame, ())]))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 import json
+import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -93,6 +94,10 @@ def forge_scan(
     """
     import manip3d
 
+    if not (order.scale > 0.0 and math.isfinite(order.scale)):
+        raise InputError(f"--scale: expected a finite number > 0, got {order.scale}")
+    if order.yaw is not None and not math.isfinite(order.yaw):
+        raise InputError(f"--yaw: expected a finite number, got {order.yaw}")
     truth = output.with_name(output.name + ".truth.json")
     if truth.exists() and not force:
         raise InputError(f"{truth}: exists already; --force replaces it")
@@ -100,7 +105,7 @@ def forge_scan(
     terminal.say(f"read {source}: {counted(frame.num_points, 'point')}")
     with naming_options(
         "allow-collision", "amplitude", "box", "distance", "hoax", "lattice", "position",
-        "range-noise", "scale", angle="yaw",
+        "range-noise", "scale", angle="yaw", size="box", turn="yaw",
     ):  # fmt: skip
         forged = ATTACKS[attack].forge(frame, order)
     record = truth_of(forged, output) | {"source": source, "output": str(output)}
@@ -263,20 +268,20 @@ class Attack(NamedTuple):
 
 
 _PASTED = ("hoax", "position", "scale", "yaw", "up")
-_SEEN = ("hoax", "box", "yaw", "lattice")
+_SEEN = ("hoax", "box", "yaw", "lattice", "seed")
 
 ATTACKS = {
     "ctp": Attack(_ctp, (*_PASTED, "printed")),
-    "crtp": Attack(_crtp, (*_PASTED, "printed")),
-    "insert": Attack(_insert, (*_PASTED, "range_noise")),
+    "crtp": Attack(_crtp, (*_PASTED, "printed", "seed")),
+    "insert": Attack(_insert, (*_PASTED, "range_noise", "seed")),
     "subtract": Attack(_subtract, ("box",)),
-    "deform": Attack(_deform, ("box", "amplitude")),
-    "dent": Attack(_dent, ("box", "amplitude")),
+    "deform": Attack(_deform, ("box", "amplitude", "seed")),
+    "dent": Attack(_dent, ("box", "amplitude", "seed")),
     "translation": Attack(_translate, ("box", "distance", "allow_collision")),
     "rotation": Attack(_rotate, ("box", "yaw", "allow_collision")),
     "replacement": Attack(_replace, ("hoax", "box", "scale", "up", "allow_collision")),
     "lattice-insert": Attack(_lattice_insert, _SEEN),
-    "lattice-remove": Attack(_lattice_remove, ("box", "lattice")),
+    "lattice-remove": Attack(_lattice_remove, ("box", "lattice", "seed")),
     "spoof": Attack(_spoof, _SEEN),
 }
 
@@ -304,7 +309,7 @@ def _hoax(order: Order) -> Any:
         raise InputError("--hoax: expected a mesh or scan file, got none")
     path = Path(order.hoax)
     if mesh_suffix(path) not in READABLE:
-        return manip3d.io.read_scan(path)
+        return _scan_of_hoax(order.hoax)
     mesh = manip3d.read_mesh(path)
     if order.up == "z":
         return mesh
@@ -312,14 +317,19 @@ def _hoax(order: Order) -> Any:
     return mesh.replace(vertices=np.column_stack([x, -z, y]))
 
 
+def _scan_of_hoax(hoax: str) -> LidarFrame:
+    import manip3d
+
+    with naming_options(path="hoax"):
+        return manip3d.io.read_scan(hoax)
+
+
 def _seen_object(frame: LidarFrame, order: Order) -> LidarFrame:
     """Return the points in the box, from the hoax's scan or, without a hoax, from the scan itself.
 
     Without a box, the nearest object is used.
     """
-    import manip3d
-
-    scan = frame if order.hoax is None else manip3d.io.read_scan(order.hoax)
+    scan = frame if order.hoax is None else _scan_of_hoax(order.hoax)
     inside = (_box(order, scan)).contains(scan.points)
     intensity = None if scan.intensity is None else scan.intensity[inside]
     return LidarFrame(scan.points[inside], intensity)

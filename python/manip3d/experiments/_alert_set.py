@@ -59,7 +59,7 @@ def published_frames(drive: int, attack: str) -> int:
 
 def seed_of(drive: int, seed: int) -> int:
     """Return the seed of a drive's first street."""
-    return seed + 100 * drive
+    return Plan(seed=seed).street(100 * drive)
 
 
 def cases_of_drives(

@@ -12,7 +12,7 @@ import numpy as np
 from manip3d import authenticate, datasets
 from manip3d._util.shares import wilson
 from manip3d.errors import Error
-from manip3d.experiments import _alert_attacks, _published, _recorded
+from manip3d.experiments import _alert_attacks, _alert_set, _published, _recorded
 from manip3d.experiments._alert_attacks import ATTACKS
 from manip3d.experiments._model import Case, Claim, Column, Experiment, Finding, Plan, Row
 from manip3d.lidar import Box, LidarFrame
@@ -68,7 +68,7 @@ def _cases(plan: Plan) -> list[Case]:
             compare,
             {
                 "model": f"drive {drive}",
-                "seed": plan.seed + 100 * drive,
+                "seed": _alert_set.seed_of(drive, plan.seed),
                 "scale": plan.scale,
                 "frames": _QUICK_FRAMES if quick else _FULL_FRAMES[drive],
                 "role": "simulated streets",

@@ -21,7 +21,7 @@ _STREETS = {"quick": (100,), "full": (100, 200, 300)}
 
 def _cases(plan: Plan) -> list[Case]:
     return [
-        Case(locate, {"model": f"street {street}", "attack": attack, "seed": plan.seed + street})
+        Case(locate, {"model": f"street {street}", "attack": attack, "seed": plan.street(street)})
         for street in _STREETS[plan.scale]
         for attack in _ATTACKS
     ]

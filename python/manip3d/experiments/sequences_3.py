@@ -80,7 +80,7 @@ def _cases(plan: Plan) -> list[Case]:
                 "data": "recorded" if sequence.data else "simulated",
                 "role": "recorded" if sequence.data else "simulated",
                 "method": method,
-                "seed": plan.seed,
+                "seed": 1000 * plan.seed,  # that of the first frame; no seed has another's frames
             },
             inputs=(sequence.data,) if sequence.data else (),
         )

@@ -38,7 +38,7 @@ def _cases(plan: Plan) -> list[Case]:
             inside = {name: min(max(of - first, 0), _PIECE) for name, of in frames.items()}
             options = {
                 "model": f"drive {drive}",
-                "seed": plan.seed + 100 * drive,
+                "seed": _alert_set.seed_of(drive, plan.seed),
                 "scale": plan.scale,
                 "first": first,
                 "frames": inside,
