@@ -136,6 +136,11 @@ def test_claims_are_read_off_the_rows() -> None:
     assert verdicts[3].holds is True
     assert verdicts[4].holds is True
     assert "1 of 100 frames" in verdicts[4].findings[0].numbers
+    rows[2] = row("clean, simulated", "streets", [0.0] * 20)  # those of a quick run
+    quick = detector_3.EXPERIMENT.claims[4].verdict(rows)
+    assert (quick.word, quick.findings[0].unjudged[:14]) == ("undecided", "too few frames")
+    rows[2] = row("clean, simulated", "streets", [0.0] * 19 + [3.0])
+    assert detector_3.EXPERIMENT.claims[4].verdict(rows).word == "does not hold"
     (figure,) = detector_3.figures(rows).values()
     false_alarms = figure.axes[0].lines[0].get_xdata()
     assert sorted(set(false_alarms)) == pytest.approx([0.0, 1.0 / 3.0, 1.0])  # of real frames alone

@@ -775,6 +775,13 @@ def test_simulated_experiments_are_skipped_where_real_data_is_asked_for(tmp_path
     done = manip3d("reproduce", "figure-7.7", "--data", "real", "-o", tmp_path / "out", "-q")
     assert "--data: expected an experiment with real data, got figure-7.7" in error_line(done)
     assert not (tmp_path / "out").exists()
+    two = ("reproduce", "table-2.1", "real-scans-6", "--scale", "quick", "-o", tmp_path / "out")
+    done = manip3d(*two, "--data", "simulated", MANIP3D_RENDERER="none")
+    assert done.returncode == 0, done.stderr
+    assert "skipped, without simulated data: real-scans-6" in done.stderr
+    done = manip3d("reproduce", "--list", "table-2.1", "real-scans-6", MANIP3D_DATA="")
+    stand_in = [line.partition("not here: ")[2].strip() for line in done.stdout.splitlines()[1:]]
+    assert stand_in == ["simulated models stand in", "no simulated models stand in"]
 
 
 def test_reproduce_and_report(tmp_path: Path) -> None:

@@ -172,7 +172,9 @@ def test_late_patterns_weigh_more_and_a_wrong_weight_is_told() -> None:
     assert len(experiment.figures(found)) == 1
 
 
-@pytest.mark.parametrize("name", ["table-7.2-cross-modal", "table-7.2", "figure-7.12", "sequences-3"])
+@pytest.mark.parametrize(
+    "name", ["table-7.2-cross-modal", "table-7.2", "figure-7.12", "sequences-3"]
+)
 def test_no_seed_has_the_streets_or_frames_of_another(name: str) -> None:
     """Cases take consecutive seeds, from that in their options on."""
     (experiment,) = select([name])

@@ -11,6 +11,7 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -538,4 +539,11 @@ def test_simulations_are_no_real_data(tmp_path: Path) -> None:
     assert (done.skipped, done.experiments) == (["toy"], ["recorded"])
     with pytest.raises(InputError, match="data: expected an experiment with real data, got toy"):
         run([simulated], tmp_path, plan=Plan(data="real"), jobs=1)
+    real = experiment(name="real only")  # has no cases without data
+    claim = Claim("some", "aim", lambda rows: [Finding("all", True, "")])
+    real = replace(real, claims=(claim,))
+    done = run([recorded, real], tmp_path, jobs=1)
+    assert (done.skipped, done.experiments, done.problems) == (["real only"], ["recorded"], [])
+    with pytest.raises(InputError, match="data: expected an experiment with simulated data, got r"):
+        run([real], tmp_path, plan=Plan(data="simulated"), jobs=1)
     assert list(json.loads((tmp_path / "results.json").read_text())["experiments"]) == ["recorded"]

@@ -22,9 +22,12 @@ def test_rows_are_measured() -> None:
 def test_claims_fail_where_intervals_are_too_narrow_or_too_wide() -> None:
     mixed, kinds = jnd_simulated.EXPERIMENT.claims
 
-    def row(name: str, coverage: float) -> dict[str, object]:
-        return {"model": name, "coverage": coverage, "count": 1000, "role": "", "error": None}
+    def row(name: str, coverage: float, count: int = 1000) -> dict[str, object]:
+        return {"model": name, "coverage": coverage, "count": count, "role": "", "error": None}
 
     for coverage, word in ((95.0, "holds"), (92.9, "does not hold"), (97.1, "does not hold")):
         assert mixed.verdict([row("mixed", coverage), row("slope 6", 99.0)]).word == word
         assert kinds.verdict([row("mixed", 0.0), row("slope 6", coverage)]).word == word
+        quick = mixed.verdict([row("mixed", coverage, 100)])
+        assert quick.word == "undecided"
+        assert quick.findings[0].numbers == f"{coverage:.1f} % of 100 observers"

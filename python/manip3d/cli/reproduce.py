@@ -36,8 +36,8 @@ def reproduce(
     data: Annotated[
         Tier,
         typer.Option(
-            help="Data to use; auto: real data if they are present; real: skip experiments without "
-            "real data."
+            help="Data to use; auto: real data if they are present. Experiments without such data "
+            "are skipped."
         ),
     ] = Tier.auto,
     scale: Annotated[
@@ -89,9 +89,12 @@ def reproduce(
 
 
 def listing(ids: list[str]) -> list[dict[str, Any]]:
-    """Return a record of each experiment: id, title, its data sets, and the missing ones."""
+    """Return a record of each experiment: id, title, its data sets, and the missing ones.
+
+    ``simulated`` says whether simulated models stand in for missing data.
+    """
     from manip3d import datasets
-    from manip3d.experiments import select
+    from manip3d.experiments import Plan, select
 
     return [
         {
@@ -99,6 +102,7 @@ def listing(ids: list[str]) -> list[dict[str, Any]]:
             "title": experiment.title,
             "data": list(experiment.data),
             "missing": [n for n in experiment.data if not datasets.is_here(datasets.get(n))],
+            "simulated": bool(experiment.cases(Plan(data="simulated", scale="quick"))),
         }
         for experiment in select(ids)
     ]
@@ -117,7 +121,8 @@ def _data_state(record: dict[str, Any]) -> str:
     if missing == 0:
         return "all here"
     if missing == wanted:
-        return "not here: simulated models stand in"
+        stand_in = "simulated models" if record["simulated"] else "no simulated models"
+        return f"not here: {stand_in} stand in"
     return f"{missing} of {wanted} missing: {', '.join(record['missing'])}"
 
 
@@ -160,7 +165,8 @@ def say_what_was_done(summary: RunSummary, terminal: Terminal) -> None:
         f"{summary.failed} failed) in {summary.seconds:.1f} s; results in {summary.folder}"
     )
     if summary.skipped:
-        terminal.say(f"skipped, without real data: {', '.join(summary.skipped)}")
+        kind = "simulated" if summary.results["plan"]["data"] == "simulated" else "real"
+        terminal.say(f"skipped, without {kind} data: {', '.join(summary.skipped)}")
     if summary.kept:
         terminal.say(f"kept from an earlier run: {', '.join(summary.kept)}")
     if summary.dropped:

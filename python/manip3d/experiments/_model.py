@@ -29,8 +29,8 @@ class Plan:
     ----------
     data : 'auto', 'real' or 'simulated'
         ``auto``: real data that is present, simulated models in place of the rest; ``real``: real
-        data only, and experiments without real data are skipped; ``simulated``: simulated models
-        only.
+        data only; ``simulated``: simulated models
+        only. Experiments without such data are skipped.
     scale : 'quick' or 'full'
         ``quick``: few small cases, for a look in a minute; ``full``: all cases.
     seed : int

@@ -73,6 +73,16 @@ def with_counts(row: Row, table: str, counts: Sequence[str]) -> Row:
     return row | {f"published_{name}": int(printed[name]) if printed else None for name in counts}
 
 
+def finding_of_share(name: str, holds: bool, numbers: str, errors: float) -> Finding:
+    """Return a finding about a share; too few frames can refute it, but not confirm it.
+
+    Where the claimed share allows less than one error, even a much larger share may leave none.
+    """
+    if errors < 1.0 and holds:
+        return Finding(name, None, numbers, unjudged="too few frames to judge so small a share")
+    return Finding(name, holds, numbers)
+
+
 def same_counts(
     rows: Sequence[Row], models: Sequence[str], counts: Sequence[str]
 ) -> Iterator[Finding]:

@@ -73,8 +73,8 @@ class RunSummary:
     results : dict
         The content of ``results.json``, without records that were kept from an earlier run.
     skipped : list of str
-        Ids of the experiments that were left out because they have no real data
-        (``data='real'``).
+        Ids of the experiments that were left out because they have no data of the plan's kind: no
+        simulated data (``data='simulated'``), or no real data that is present.
     kept : list of str
         Ids of other experiments of an earlier run, whose records are kept in the folder.
     dropped : list of str
@@ -136,7 +136,7 @@ def run(
     Raises
     ------
     InputError
-        An argument is out of range, or ``data='real'`` and none of the experiments has real data.
+        An argument is out of range, or none of the experiments has data of the plan's kind.
     DataMissingError
         ``data='real'`` and a mesh is absent.
     KeyboardInterrupt
@@ -160,10 +160,13 @@ def run(
     jobs = jobs or len(os.sched_getaffinity(0))
     started = time.perf_counter()
     planned = {experiment.id: experiment.cases(plan) for experiment in experiments}
-    skipped = [name for name, made in planned.items() if plan.data == "real" and not _real(made)]
+    skipped = [
+        name for name, made in planned.items() if not (_real(made) if plan.data == "real" else made)
+    ]
     experiments = [experiment for experiment in experiments if experiment.id not in skipped]
     if skipped and not experiments:
-        raise InputError(f"data: expected an experiment with real data, got {', '.join(skipped)}")
+        kind = "simulated" if plan.data == "simulated" else "real"
+        raise InputError(f"data: expected an experiment with {kind} data, got {', '.join(skipped)}")
     store = Store(path_of(folder, "folder"), overwrite)
     folder.mkdir(parents=True, exist_ok=True)
 

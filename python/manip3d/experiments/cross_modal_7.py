@@ -222,16 +222,6 @@ def _halves(rows: Sequence[Row]) -> Iterator[tuple[str, Sequence[Row]]]:
     yield "recorded, reported half", [row for row in rows if row["model"] in REPORTED]
 
 
-def _finding(name: str, holds: bool, numbers: str, errors: float) -> Finding:
-    """Return a finding about a share; too few frames can refute it, but not confirm it.
-
-    Where the published share allows less than one error, even a much larger share may leave none.
-    """
-    if errors < 1.0 and holds:
-        return Finding(name, None, numbers, unjudged="too few frames to judge so small a share")
-    return Finding(name, holds, numbers)
-
-
 def _accuracy(rows: Sequence[Row]) -> Iterator[Finding]:
     for name, some in _halves(rows):
         right = sum(row["detected"] + row["frames"] - row["clean"] for row in some)
@@ -239,7 +229,8 @@ def _accuracy(rows: Sequence[Row]) -> Iterator[Finding]:
         if of:
             low, high = wilson(right, of)
             numbers = f"{right} of {of} right, {right / of:.1%} ({low:.1%} to {high:.1%})"
-            yield _finding(name, right / of >= _ACCURACY, numbers, of * (1.0 - _ACCURACY))
+            errors = of * (1.0 - _ACCURACY)
+            yield _published.finding_of_share(name, right / of >= _ACCURACY, numbers, errors)
 
 
 def _false_positives(rows: Sequence[Row]) -> Iterator[Finding]:
@@ -250,7 +241,7 @@ def _false_positives(rows: Sequence[Row]) -> Iterator[Finding]:
             numbers = (
                 f"{clean} of {of} clean frames accused, {clean / of:.1%} ({low:.1%} to {high:.1%})"
             )
-            yield _finding(name, clean / of <= _ALARMS, numbers, of * _ALARMS)
+            yield _published.finding_of_share(name, clean / of <= _ALARMS, numbers, of * _ALARMS)
 
 
 def _by_attack(rows: Sequence[Row]) -> Iterator[Finding]:

@@ -13,7 +13,7 @@ import numpy as np
 from manip3d import authenticate, forge
 from manip3d._util.shares import upper_limit
 from manip3d.authenticate import SensorLattice, estimate_lattice, generic_consistency
-from manip3d.experiments import _recorded, _roc
+from manip3d.experiments import _published, _recorded, _roc
 from manip3d.experiments._lidar_attacks import ADDING, OTHERS, Target, as_written
 from manip3d.experiments._model import Case, Claim, Column, Experiment, Finding, Plan, Row, counted
 from manip3d.io import read_scan
@@ -463,11 +463,12 @@ def _rate_kept(rows: Sequence[Row]) -> Iterator[Finding]:
     if simulated:
         frames = sum(row["frames"] for row in simulated)
         alarms = sum(row["verdicts"].count("tampered") for row in simulated)
-        yield Finding(
+        yield _published.finding_of_share(
             "simulated streets",
             alarms <= ALARM_RATE * frames,
             f"{alarms} of {frames} frames, at most {upper_limit(alarms, frames):.2%} (95 %); "
             f"largest score {max(_simulated_scores(rows)):.2f}",
+            ALARM_RATE * frames,
         )
 
 
