@@ -345,6 +345,9 @@ def test_a_limit_without_a_target_misses_none(torus: Path, tmp_path: Path) -> No
     assert manip3d(*order, "--max-distance", "1e9", "--faces", "1").returncode in (0, 4)
     done = manip3d(*order, "--headset", "0", "90")
     assert error_line(done).endswith("--headset: MS: expected a number > 0, got 0.0")
+    both = ("simplify", torus, torus, "-o", tmp_path / "several", "--json", "--jobs", "1")
+    done = manip3d(*both, "--headset", "5000", "90")  # 80 % of 1/90 s for both eyes
+    assert [row["target_faces"] for row in json.loads(done.stdout)] == [888], done.stderr
 
 
 def test_quality_is_the_mode_of_users(torus: Path, tmp_path: Path) -> None:

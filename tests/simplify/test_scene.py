@@ -258,6 +258,19 @@ def test_what_is_refused(tmp_path: Path) -> None:
         simplify.simplify_scene(scene, ratio=2.0)
     with pytest.raises(InputError, match=r"lock_box: expected shape \(2, 3\)"):
         simplify.simplify_scene(scene, ratio=0.5, lock_box=[1, 2])
+    with pytest.raises(
+        InputError, match="max_distance: expected method='quality' or a publ"
+    ):
+        simplify.simplify_scene(scene, "fast", max_distance=0.1)
+    for lock in ({"lock_boundary": True}, {"lock_box": [[0, 0, 0], [1, 1, 1]]}):
+        told = f"{next(iter(lock))}: expected method='quality' or 'fast', got 'qem4vr'"
+        for run in (simplify.simplify_scene, simplify.scene_lods):
+            with pytest.raises(InputError, match=told):
+                run(scene, method="qem4vr", ratio=0.5, **lock)
+    for own in ("max_error", "max_distance", "importance", "ratio"):
+        with pytest.raises(InputError, match=f"options: expected none that .*, got {own}"):
+            simplify.simplify_scene(scene, target_faces=9, options={own: 0.1})
+    assert simplify.simplify_scene(scene, ratio=0.5, max_distance=math.inf).distance_bound is None
 
 
 def test_levels_of_detail_of_a_scene(tmp_path: Path) -> None:

@@ -81,10 +81,10 @@ NoClean = Annotated[
 ]
 
 
-_TARGETS = ("faces", "ratio", "max_error", "max_distance")
+_TARGETS = ("faces", "ratio", "headset", "max_error", "max_distance")
 
 
-def _expect_target(*targets: float | None) -> None:
+def _expect_target(*targets: object) -> None:
     if all(target is None for target in targets):
         raise typer.BadParameter(
             "give --faces, --ratio, --max-error, --max-distance or --headset", param_hint="--faces"

@@ -678,7 +678,7 @@ def simplify_scene(
     cleaned : bool
         Clean the meshes first (:func:`clean`), where the method does not do it itself.
     options : dict of str, optional
-        Further arguments of the method, such as ``{"seam_weight": 1.0}``.
+        Further arguments of the method, such as ``{"seam_weight": 1.0}``, without those above.
     progress : None, True or callable
         ``True`` shows a bar; a callable gets ``(fraction, message)``, at most ten times a second.
 
@@ -691,9 +691,9 @@ def simplify_scene(
     ------
     InputError
         No target, no mesh that may be simplified or none with a face that has three different
-        corners, ``importance`` or ``memory`` for another method, ``importance`` of another shape,
-        a ``lock_box`` of another shape or whose lower corner is not first, and what the method
-        refuses.
+        corners, ``importance``, ``memory``, a lock or ``max_distance`` for another method,
+        ``importance`` of another shape, a ``lock_box`` of another shape or whose lower corner is
+        not first, one of these arguments in ``options``, and what the method refuses.
 
     Notes
     -----
@@ -737,6 +737,13 @@ def simplify_scene(
         )
     held = None if lock_box is None else vertices_in_box(scene, lock_box)
     run: Callable[..., _Result] = runner(method)
+    _check_locks(method, lock_box, lock_boundary)
+    if max_distance is not None and method == "fast":
+        raise InputError("max_distance: expected method='quality' or a published one, got 'fast'")
+    if own := sorted(_OWN_ARGUMENTS.intersection(options or {})):
+        raise InputError(
+            f"options: expected none that simplify_scene itself takes, got {', '.join(own)}"
+        )
     check_options(method, run, options)
     weights = _importance_of(scene, method, importance)
     cleans = cleaned and method not in ("quality", "fast")
@@ -772,9 +779,19 @@ def simplify_scene(
         again = _meet(placed, drawn, at, None)
         return again if again.stop == StopReason.TARGET_REACHED else result
 
-    bounded = max_distance is not None
+    bounded = max_distance is not None and math.isfinite(max_distance)
     sways = method in ("quality", "fast") and not bounded and held is None
     return _simplified_groups(scene, target, simplified, progress, bounded=bounded, sways=sways)
+
+
+_OWN_ARGUMENTS = frozenset({"ratio", "max_error", "max_distance", "importance"})
+"""Arguments of a method that `simplify_scene` converts to the units of the meshes."""
+
+
+def _check_locks(method: str, lock_box: ArrayLike | None, lock_boundary: bool) -> None:
+    for name, is_given in (("lock_box", lock_box is not None), ("lock_boundary", lock_boundary)):
+        if is_given and method not in ("quality", "fast"):
+            raise InputError(f"{name}: expected method='quality' or 'fast', got {method!r}")
 
 
 def _with_locks(
@@ -1010,9 +1027,9 @@ def scene_lods(
     Raises
     ------
     InputError
-        No mesh that may be simplified or none with a face that has three different corners, a
-        ``lock_box`` of another shape or whose lower corner is not first, and what :func:`lod_chain`
-        refuses.
+        No mesh that may be simplified or none with a face that has three different corners, a lock
+        for another method, a ``lock_box`` of another shape or whose lower corner is not first, and
+        what :func:`lod_chain` refuses.
 
     Examples
     --------
@@ -1022,6 +1039,7 @@ def scene_lods(
     >>> [level.num_faces for level in chain.levels]
     [1932, 966, 482]
     """
+    _check_locks(method, lock_box, lock_boundary)
     held = None if lock_box is None else vertices_in_box(scene, lock_box)
     seen, aside = _groups(scene, sways=method in ("quality", "fast") and held is None)
     cleans = cleaned and method not in ("quality", "fast")
