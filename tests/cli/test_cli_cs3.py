@@ -857,6 +857,7 @@ def test_wrong_maps_are_one_line(frame: Path, tmp_path: Path) -> None:
             "--confidence: expected whole numbers from 0 to 2, got 7",
         ),
         (("--confidence-max", "2"), "--confidence-max: can only be given with confidence"),
+        (("--seed", "2"), "--seed: can only be given with method poisson, got relief"),
         (
             ("--confidence", levels, "--method", "ssa"),
             "--confidence: can only be given with method relief",
@@ -1332,6 +1333,12 @@ def test_masks_beside_depth_images_are_no_depth_images(frame: Path, tmp_path: Pa
                      "--poses", tmp_path / "poses.txt")  # fmt: skip
     assert joined.returncode == 0
     assert "2 files skipped, of another kind (mask or confidences)" in joined.stderr
+    (tmp_path / "a.mkv").write_bytes(b"\x1aE\xdf\xa3")
+    (tmp_path / "a.obj").write_text("v 0 0 0\n")
+    for name, told in (("a.mkv", "is an RGB-D recording"), ("a.obj", "is a mesh; depth takes a")):
+        other = manip3d(arguments[0], tmp_path / name, "-o", tmp_path / "one.ply", "--force",
+                        *arguments[4:], "--poses", tmp_path / "poses.txt")  # fmt: skip
+        assert f"{tmp_path / name} {told}" in error_line(other)
 
 
 def test_distances_along_the_rays_are_an_option(frame: Path, tmp_path: Path) -> None:

@@ -108,7 +108,8 @@ def test_several_drives_are_judged_as_a_whole_each(drive: Path, tmp_path: Path) 
         assert done.exit_code == 3, done.output
         rows = json.loads(done.stdout)
         assert [row["source"] for row in rows] == [str(drive), str(other)]
-        assert [(row["verdict"], row["scans"]) for row in rows] == [("tampered", 3), ("no_trace", 2)]
+        assert [row["verdict"] for row in rows] == ["tampered", "no_trace"]
+        assert [row["scans"] for row in rows] == [3, 2]
 
 
 def test_a_policy_can_act_on_remarks(drive: Path, tmp_path: Path) -> None:

@@ -41,6 +41,24 @@ def test_cameras_all_around_need_pictures(tmp_path: Path) -> None:
     assert not (tmp_path / "drives").exists()
 
 
+@pytest.mark.parametrize(
+    ("source", "option", "told"),
+    [
+        ("sim:jet", ("--frames", 3), "--frames: can only be given with a drive, got sim:jet"),
+        ("sim:street", ("--resolution", 1), "--resolution: can only be given with a scene, got a"),
+        ("indoor-00", ("--no-pictures",), "--no-pictures: can only be given with a drive, got a s"),
+        ("sim:rocker", ("--surround",), "--surround: can only be given with a drive, got sim:rock"),
+        ("sim:jet", ("--seed", 1), "sim:lifeboat, sim:rocker, got sim:jet"),
+    ],
+)
+def test_options_without_effect_are_refused(
+    source: str, option: tuple[object, ...], told: str, tmp_path: Path
+) -> None:
+    line = error_line(manip3d("simulate", source, "-o", tmp_path / "out.bin", *option))
+    assert told in line
+    assert not list(tmp_path.iterdir())
+
+
 def test_unknown_sources_and_suffixes_are_one_line(tmp_path: Path) -> None:
     line = error_line(manip3d("simulate", "sim:moon", "-o", tmp_path / "moon"))
     assert "sim:moon: expected sim:street or a scene" in line
@@ -52,10 +70,13 @@ def test_unknown_sources_and_suffixes_are_one_line(tmp_path: Path) -> None:
 
 
 def test_a_model_becomes_a_mesh_file(tmp_path: Path) -> None:
-    output = tmp_path / "jet.glb"
+    output = tmp_path / "jet.obj.gz"
     done = manip3d("simulate", "sim:jet", "-o", output, "--json")
     assert done.returncode == 0, done.stderr
     assert json.loads(done.stdout)["faces"] == read_mesh(output).num_faces > 30_000
+    output = tmp_path / "lifeboat.glb"
+    done = manip3d("simulate", "sim:lifeboat", "-o", output, "--seed", 3, "--json")
+    assert json.loads(done.stdout)["seed"] == 3
     assert "expected a name that ends in .obj, " in error_line(
         manip3d("simulate", "sim:jet", "-o", tmp_path / "jet.bin")
     )

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from manip3d.cli.depth_frames import SCANS, frame_options
+from manip3d.cli.depth_frames import SCANS, expect_image, frame_options
 from manip3d.cli.depth_joined import join
 from manip3d.cli.depth_options import (
     BUDGETS,
@@ -22,7 +22,6 @@ from manip3d.cli.depth_options import (
 )
 from manip3d.cli.depth_recordings import simplify_frames
 from manip3d.cli.depth_words import has_missed, record, sentence_of_all, tell
-from manip3d.cli.kinds import expect_kind, narrow_depth
 from manip3d.cli.many import Verb, over_files, with_defaults
 from manip3d.cli.options import (
     MISSED,
@@ -31,13 +30,11 @@ from manip3d.cli.options import (
     Json,
     Output,
     Quiet,
-    Seed,
     Strict,
 )
 from manip3d.cli.terminal import Terminal, check_output, naming_options
 from manip3d.errors import InputError
 from manip3d.io import DEPTH_SUFFIXES, WRITABLE
-from manip3d.io._scan_tables import scan_suffix
 
 if TYPE_CHECKING:
     from manip3d.simplify import DepthFileResult
@@ -64,10 +61,7 @@ def _in_order(given: Mapping[str, Any]) -> Verb | None:
 
 def _check_files(source: str, output: Path, given: Mapping[str, Any]) -> None:
     """Refuse a source that is no depth image, or an output that may not be written."""
-    # Whether a cloud is an organised one is decided by its reader.
-    clouds = ("scan",) if scan_suffix(source) in (".pcd", ".npy", ".npz") else ()
-    pictures = narrow_depth(source, given["unit"], given["intrinsics"])
-    expect_kind(source, "depth", "range grid", *clouds, *pictures, verb="depth")
+    expect_image(source, given)
     check_output(output, WRITABLE, force=given["force"])
 
 
@@ -286,7 +280,7 @@ def depth(
     as_json: Json = False,
     quiet: Quiet = False,
     jobs: FolderJobs = 0,
-    seed: Seed = 0,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of --method poisson.")] = 0,
 ) -> None:
     """Turn a depth image or a range scan into a sparse textured mesh.
 

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from manip3d.cli.kinds import is_picture
+from manip3d.cli.kinds import expect_kind, is_picture, narrow_depth
 from manip3d.cli.many import SKIPPED
 from manip3d.cli.terminal import naming_options
 from manip3d.errors import FormatError
@@ -47,6 +48,14 @@ def frame_options(files: list[SourceFile], options: dict[str, Any]) -> dict[str,
             for frame, image in simplify.colors_of_frames(names, folder, name=name).items():
                 each[frame][name] = image
     return each
+
+
+def expect_image(source: str, given: Mapping[str, Any]) -> None:
+    """Refuse a source that is neither a depth image nor a range scan or an organised cloud."""
+    # Whether a cloud is an organised one is decided by its reader.
+    clouds = ("scan",) if scan_suffix(source) in (".pcd", ".npy", ".npz") else ()
+    pictures = narrow_depth(source, given["unit"], given["intrinsics"])
+    expect_kind(source, "depth", "range grid", *clouds, *pictures, verb="depth")
 
 
 def maps_in_folders(files: list[SourceFile]) -> set[str]:

@@ -7,7 +7,7 @@ from typing import Any
 
 import typer
 
-from manip3d.cli.depth_frames import SCANS, maps_in_folders
+from manip3d.cli.depth_frames import SCANS, expect_image, maps_in_folders
 from manip3d.cli.depth_options import OPTIONS, expect_budget, options_of
 from manip3d.cli.depth_words import (
     OVERRIDE,
@@ -59,6 +59,9 @@ def join(sources: list[str], given: dict[str, Any]) -> bool:
         for file in pictures:
             if file.is_named or len(pictures) == len(others):
                 expect_kind(file.name, "depth", "range grid", verb="depth")
+        for file in others:
+            if file.is_named and file not in pictures:
+                expect_image(file.name, given)
         files = [file.name for file in others if file not in pictures]
         if pictures:
             shell.say(f"{counted(len(pictures), 'file')} skipped, of another kind (picture)")

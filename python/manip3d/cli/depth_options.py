@@ -44,7 +44,7 @@ class Variant(StrEnum):
 OPTIONS = ("intrinsics", "unit", "variant", "effort", "by-distance", "move-points", "max-edge",
            "depth-step", "color", "mask", "confidence", "confidence-max", "points", "ratio",
            "method", "min-coverage", "max-bridges", "bandwidth", "rate", "stable",
-           "ray-depth")  # fmt: skip
+           "ray-depth", "seed")  # fmt: skip
 
 BUDGETS = ("points", "ratio", "bandwidth", "rate")
 

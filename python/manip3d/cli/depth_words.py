@@ -252,6 +252,7 @@ def record(result: DepthFileResult) -> dict[str, Any]:
         "method": result.options.method,
         "variant": result.options.variant if is_cs3 else None,
         "effort": _effort_of(result.options),
+        "seed": result.options.seed if result.options.method == "poisson" else None,
         "depth": result.depth,
         "unit": result.unit,
         "unit_guessed": result.depth_found.is_guess,

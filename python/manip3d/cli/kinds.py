@@ -298,7 +298,8 @@ def _reason_against_recording(source: Path) -> str:
     A recording that is the only source and has a camera does not get here.
     """
     if not source.is_dir():
-        return f"{source} is an RGB-D recording, which depth takes only as its single source"
+        alone = "only as its single source and without --poses"
+        return f"{source} is an RGB-D recording, which depth takes {alone}"
     images = source / "depth"
     cure = f"; --intrinsics states it for the images in {images}" if images.is_dir() else ""
     return f"{source} is an RGB-D recording that states no camera{cure}"

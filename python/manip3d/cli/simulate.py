@@ -9,7 +9,7 @@ from typing import Annotated, Any
 import typer
 
 from manip3d.cli.options import Force, Jobs, Json, Output, Quiet, Seed
-from manip3d.cli.terminal import Terminal, check_place, counted, naming_options
+from manip3d.cli.terminal import Terminal, check_output, check_place, counted, naming_options
 from manip3d.errors import InputError
 
 
@@ -58,6 +58,35 @@ def write_simulated(
     )
 
 
+def _refuse_unused(source: str, **given: bool) -> None:
+    """Refuse an option that is ``given`` although it has no effect on this source.
+
+    Nothing is refused for an unknown source, about which another error is raised later.
+    """
+    import inspect
+
+    from manip3d.simulate import models, scenes
+
+    name = source.removeprefix("sim:")
+    noisy = [n for n, make in models.MODELS.items() if "rng" in inspect.signature(make).parameters]
+    if name == "street":
+        uses, kind = {"frames", "no_pictures", "surround", "seed"}, "a drive"
+    elif name in {**scenes.SCENES, **scenes.CALIBRATION}:
+        uses, kind = {"resolution", "seed"}, "a scene"
+    elif name in models.MODELS:
+        uses, kind = ({"seed"} if name in noisy else set()), f"sim:{name}"
+    else:
+        return
+    takers = {"resolution": "a scene"}
+    takers["seed"] = f"a drive, a scene, {', '.join(f'sim:{known}' for known in noisy)}"
+    for option, is_given in given.items():
+        if is_given and option not in uses:
+            raise InputError(
+                f"--{option.replace('_', '-')}: can only be given with "
+                f"{takers.get(option, 'a drive')}, got {kind}"
+            )
+
+
 def _rule_of_folders(source: str) -> Callable[[str], bool] | None:
     """Return which files a folder of drives holds, or None if the source gives a single file."""
     from manip3d.simulate.drives import is_part_of_drives
@@ -71,13 +100,18 @@ def _model(name: str, output: Path, terminal: Terminal, seed: int) -> dict[str, 
     from manip3d.io import WRITABLE
     from manip3d.simulate import models
 
-    if output.suffix.lower() not in WRITABLE:  # checked before the simulation
-        raise InputError(f"-o {output}: expected a name that ends in {', '.join(WRITABLE)}")
+    check_output(output, WRITABLE, force=True)  # before the simulation
     make = models.MODELS[name]
-    mesh = make(rng=seed) if "rng" in inspect.signature(make).parameters else make()
+    seeds = {"rng": seed} if "rng" in inspect.signature(make).parameters else {}
+    mesh = make(**seeds)
     mesh.write(output)
     terminal.say(f"wrote {output}: {counted(mesh.num_faces, 'face')}")
-    return {"source": f"sim:{name}", "output": str(output), "faces": mesh.num_faces}
+    return {
+        "source": f"sim:{name}",
+        "seed": seeds.get("rng"),
+        "output": str(output),
+        "faces": mesh.num_faces,
+    }
 
 
 def _street(
@@ -113,12 +147,10 @@ def _street(
 def _scan(
     name: str, output: Path, terminal: Terminal, resolution: float, threads: int, seed: int
 ) -> dict[str, Any]:
-    from manip3d.io._scan_files import SCAN_SUFFIXES
-    from manip3d.io._scan_tables import scan_suffix
+    from manip3d.io import SCAN_SUFFIXES
     from manip3d.simulate import scenes, terrestrial_scan
 
-    if scan_suffix(output) not in SCAN_SUFFIXES:  # checked before the simulation
-        raise InputError(f"-o {output}: expected a name that ends in {', '.join(SCAN_SUFFIXES)}")
+    check_output(output, SCAN_SUFFIXES, force=True)  # before the simulation
     named = naming_options("resolution", resolution_deg="resolution")
     with terminal.progress("simulate") as progress, named:
         scan = terrestrial_scan(
@@ -141,6 +173,9 @@ def _scan(
     }
 
 
+_FRAMES, _RESOLUTION = 10, 0.06
+
+
 def simulate(
     source: Annotated[
         str,
@@ -151,10 +186,10 @@ def simulate(
         ),
     ],
     output: Output,
-    frames: Annotated[int, typer.Option(min=1, help="Number of LiDAR turns of a drive.")] = 10,
+    frames: Annotated[int, typer.Option(min=1, help="Number of LiDAR turns of a drive.")] = _FRAMES,
     resolution: Annotated[
         float, typer.Option(help="Angle between neighbouring rays in a scene, degrees.")
-    ] = 0.06,
+    ] = _RESOLUTION,
     no_pictures: Annotated[
         bool, typer.Option("--no-pictures", help="Leave out the cameras of a drive: LiDAR only.")
     ] = False,
@@ -170,12 +205,17 @@ def simulate(
     """Make drives, scans and meshes with known truth.
 
     A drive is written in KITTI's layout; a scene gives a terrestrial scan, a model a mesh. The seed
-    decides the street of a drive, and the noise of scenes and meshes.
+    decides the street of a drive, and the noise of scenes, sim:lifeboat and sim:rocker. An option
+    without effect on the source is refused.
 
     Example: manip3d simulate sim:indoor-00 -o scan.pcd
     """
     if surround and no_pictures:
         raise InputError("--surround: cannot be given with --no-pictures")
+    _refuse_unused(
+        source, frames=frames != _FRAMES, resolution=resolution != _RESOLUTION,
+        no_pictures=no_pictures, surround=surround, seed=seed != 0,
+    )  # fmt: skip
     check_place(output, force=force, is_ours=_rule_of_folders(source))
     shell = Terminal(as_json=as_json, quiet=quiet)
     record = write_simulated(

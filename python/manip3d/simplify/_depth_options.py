@@ -66,7 +66,7 @@ class DepthOptions:
     move_points : bool
         Let vertices leave the measured points (``relief``).
     seed : int
-        Seed of the random methods (``poisson``).
+        Seed of ``poisson``.
     threads : int
         0: all cores.
     min_coverage : float
@@ -143,6 +143,8 @@ class DepthOptions:
         threads_of(self.threads)
         if self.seed < 0:
             raise InputError(f"seed: expected >= 0, got {self.seed}")
+        if self.method != "poisson" and self.seed != 0:
+            raise InputError(f"seed: can only be given with method poisson, got {self.method}")
         if not 0 <= self.depth_step <= float(np.finfo(np.float32).max):
             raise InputError(f"depth_step: expected >= 0 and finite, got {self.depth_step}")
         for name in ("min_coverage", "max_bridges"):
