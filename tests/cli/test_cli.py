@@ -853,6 +853,11 @@ def test_many_meshes_are_counted_converted_and_compared(torus: Path, tmp_path: P
     records = json.loads(done.stdout)
     assert [record["original"] for record in records] == [f"{source}/a.ply", f"{source}/b.obj"]
     assert all(record["metro"]["vertex"]["forward"]["max"] < 1e-6 for record in records)
+    one = json.loads(manip3d("compare", source, tmp_path / "glb" / "b.glb", "--json").stdout)
+    assert (one["original"], one["seed"]) == (f"{source}/b.obj", 0)
+    for original, told in (("-", "several meshes, got stdin"), ("", "an address, got ''")):
+        assert told in error_line(manip3d("compare", original, tmp_path / "glb"))
+    assert "an address, got ''" in error_line(manip3d("compare", "", tmp_path / "glb" / "b.glb"))
     (source / "b.obj").rename(source / "A.obj")
     (tmp_path / "glb" / "b.glb").rename(tmp_path / "glb" / "A.glb")  # differs from a.glb in case
     done = manip3d("compare", source, tmp_path / "glb", "--json", "--jobs", "1")

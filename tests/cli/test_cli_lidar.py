@@ -154,6 +154,7 @@ def test_truth_files_tell_what_the_bytes_say(
     truth = json.loads(output.with_name(output.name + ".truth.json").read_text())
     before, after = manip3d.io.read_scan(source).points, manip3d.io.read_scan(output).points
     assert len(truth["added"]) + len(truth["moved"]) + len(truth["removed"]) > 0
+    assert ("seed" in truth) == ("seed" in ATTACKS[attack].options)
     check_truth(truth, before, after)
 
 

@@ -62,7 +62,8 @@ def test_a_study_without_its_stimuli_leaves_no_folder(tmp_path: Path) -> None:
 def test_from_simulated_people_to_results(definition: Path, tmp_path: Path) -> None:
     answers, tables = tmp_path / "answers", tmp_path / "tables"
     done = run("study", "simulate", definition, "-o", answers, "--participants", "3", "--json")
-    assert json.loads(done.stdout) == {"participants": ["sim-000", "sim-001", "sim-002"]}
+    assert json.loads(done.stdout)["participants"] == ["sim-000", "sim-001", "sim-002"]
+    assert json.loads(done.stdout)["seed"] == 0
     assert run("study", "withdraw", answers, "sim-001").returncode == 0
     done = run("study", "results", answers, "-o", tables, "--json")
     assert json.loads(done.stdout)["files"] == [
@@ -147,7 +148,11 @@ def test_ctrl_c_ends_a_study(definition: Path, tmp_path: Path, number: str) -> N
 def test_options_of_a_rating_are_refused_for_a_jnd(tmp_path: Path) -> None:
     file = tmp_path / "study.toml"
     run("study", "define", "jnd-textured", "--example", "-o", file)
-    for name, value in (("surfaces", 2), ("images", tmp_path), ("frames", 3)):
+    for name, value in (("surfaces", 2), ("images", tmp_path), ("frames", 3), ("seed", 1)):
         done = run("study", "stimuli", file, f"--{name}", value)
         assert f"--{name}: can only be given with a rating, got a jnd" in done.stderr
     assert not (tmp_path / "stimuli-textured").exists()
+    rating = tmp_path / "rating.toml"
+    run("study", "define", "rating", "--example", "-o", rating)
+    done = run("study", "stimuli", rating, "--images", tmp_path, "--frames", 3)
+    assert "--frames: cannot be given with images, which are copied" in done.stderr

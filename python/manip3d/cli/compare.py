@@ -17,7 +17,7 @@ from manip3d.errors import InputError
 from manip3d.io import READABLE
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Mapping
 
     from rich.console import Console
 
@@ -37,18 +37,34 @@ def _originals(files: list[SourceFile], options: dict[str, Any]) -> dict[str, di
     if not is_folder(original):
         return {file.name: {"original": original} for file in files}
     known = find_files(original, suffixes=READABLE)
+    return {
+        file.name: {"original": _original_of(file.name, file.relative, original, known)}
+        for file in files
+    }
+
+
+def _original_of(name: str, relative: str, folder: str, known: list[SourceFile]) -> str:
+    """Return the original of the file ``name`` in a folder, with the name ``relative`` to it."""
     exact, folded = _by_name(known, str), _by_name(known, str.lower)
-    chosen = {}
-    for file in files:
-        stem = _stem(_plain(file.relative))
-        named = exact.get(stem) or folded.get(stem.lower(), [])
-        if len(named) != 1:
-            found = " and ".join(named[:2]) or "none"
-            raise InputError(
-                f"{original}: expected one original of {file.name}, by its name; found {found}"
-            )
-        chosen[file.name] = {"original": named[0]}
-    return chosen
+    stem = _stem(_plain(relative))
+    named = exact.get(stem) or folded.get(stem.lower(), [])
+    if len(named) != 1:
+        found = " and ".join(named[:2]) or "none"
+        raise InputError(f"{folder}: expected one original of {name}, by its name; found {found}")
+    return named[0]
+
+
+def _check_original(options: Mapping[str, Any]) -> None:
+    """Refuse an original that cannot be that of several meshes."""
+    _expect_name(options["original"])
+    if options["original"] == "-":
+        raise InputError("original: expected a file or a folder for several meshes, got stdin")
+
+
+def _expect_name(original: str) -> None:
+    """Refuse "" of an unset variable of a script, which would mean the current folder."""
+    if not original:
+        raise InputError("original: expected a file, a folder or an address, got ''")
 
 
 def _by_name(files: list[SourceFile], case: Callable[[str], str]) -> dict[str, list[str]]:
@@ -71,7 +87,7 @@ def _plain(relative: str) -> str:
     return _stem(relative) if packed else relative
 
 
-@over_files(lambda: READABLE, argument="simplified", prepare=_originals)
+@over_files(lambda: READABLE, argument="simplified", prepare=_originals, check=_check_original)
 def compare(
     original: Annotated[
         str,
@@ -95,9 +111,14 @@ def compare(
     Example: manip3d compare head.obj light.glb
     """
     from manip3d import metrics
+    from manip3d.batch import find_files, is_folder
 
     if original == simplified == "-":
         raise typer.BadParameter("stdin holds one mesh: name a file for the other", param_hint="-")
+    _expect_name(original)
+    if is_folder(original):
+        known = find_files(original, suffixes=READABLE)
+        original = _original_of(simplified, PurePosixPath(simplified).name, original, known)
     for source in (original, simplified):
         expect_kind(source, "mesh", verb="compare")
     shell = Terminal(as_json=as_json, quiet=quiet)
@@ -105,7 +126,7 @@ def compare(
     with shell.progress("compare") as progress:
         found = metrics.compare(first, second, rng=seed, threads=jobs, progress=progress)
     shell.result(
-        {"original": original, "simplified": simplified} | _record(found),
+        {"original": original, "simplified": simplified, "seed": seed} | _record(found),
         lambda console: show(console, found),
     )
 

@@ -109,6 +109,8 @@ def forge_scan(
     ):  # fmt: skip
         forged = ATTACKS[attack].forge(frame, order)
     record = truth_of(forged, output) | {"source": source, "output": str(output)}
+    if "seed" in ATTACKS[attack].options:
+        record["seed"] = order.seed
     with atomic_pair(output, truth) as (scan, told):
         forged.write(scan)
         told.write_text(json.dumps(record) + "\n", encoding="utf-8")

@@ -61,6 +61,7 @@ def lattice(
     power = {name: {**vars(each), "share": each.share} for name, each in found.power.items()}
     row = {
         "output": str(output),
+        "seed": seed,
         "lasers": len(found.slope),
         "steps": found.steps,
         "range_step": found.range_step,

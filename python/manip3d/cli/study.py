@@ -127,7 +127,10 @@ def study_stimuli(
     from manip3d.study import make_stimuli
 
     shell = Terminal(as_json=as_json, quiet=quiet)
-    with shell.progress("stimuli") as progress, naming_options("images", "surfaces", "frames"):
+    with (
+        shell.progress("stimuli") as progress,
+        naming_options("images", "surfaces", "frames", "seed"),
+    ):
         made = make_stimuli(
             definition,
             frames=frames,
@@ -141,7 +144,12 @@ def study_stimuli(
     for problem in made.problems:
         shell.say(problem)
     shell.result(
-        {"folder": str(made.folder), "stimuli": made.count, "problems": list(made.problems)}
+        {
+            "folder": str(made.folder),
+            "seed": seed,
+            "stimuli": made.count,
+            "problems": list(made.problems),
+        }
     )
 
 
@@ -271,7 +279,7 @@ def study_simulate(
     with StudyFolder(output, content) as folder, naming_options("seed"):
         codes = simulate_participants(study, folder, participants, seed=seed)
     shell.say(f"{counted(len(codes), 'simulated participant')} in {output}")
-    shell.result({"participants": codes})
+    shell.result({"seed": seed, "participants": codes})
 
 
 @app.command("results")

@@ -107,6 +107,7 @@ def make_stimuli(
             "images": images is not None,
             "surfaces": surfaces != 0,
             "frames": frames != _FRAMES,
+            "seed": seed != 0,
         }.items():
             if is_given:
                 raise InputError(f"{name}: can only be given with a rating, got a jnd")
@@ -115,6 +116,10 @@ def make_stimuli(
         if images is not None:
             if surfaces:
                 raise InputError("surfaces: expected none with images, which are all of the study")
+            if frames != _FRAMES:
+                raise InputError(
+                    "frames: cannot be given with images, which are copied"
+                )
             copied = copy_rating_stimuli(images, file.parent / name, seed=seed, overwrite=overwrite)
             return MadeStimuli(file.parent / name, len(copied), ())
         made = make_rating_stimuli(
