@@ -246,7 +246,7 @@ KERNELS: dict[str, Kernel] = {
         [LidarFrame(cloud)], scanner, planted=1, threads=t
     ),
     "authenticate.calibrate_lattice": lambda t: authenticate.calibrate_lattice(
-        [LidarFrame(scan)] * 4, planted=1, threads=t
+        [LidarFrame(scan[9 * k :]) for k in range(4)], planted=1, threads=t
     ),
     "authenticate.inspect": lambda t: authenticate.inspect(cloud, origin=(0, 0, 0), threads=t),
     "authenticate.inspect_drive": lambda t: list(

@@ -129,7 +129,10 @@ LONG: dict[str, Callable[[], Callable[[], object]]] = {
         threads=1,
     ),
     "authenticate.calibrate_lattice": lambda: partial(
-        authenticate.calibrate_lattice, [LidarFrame(scan())] * 8, planted=3, threads=1
+        authenticate.calibrate_lattice,
+        [LidarFrame(scan()[9 * k :]) for k in range(8)],
+        planted=3,
+        threads=1,
     ),
     "authenticate.inspect": lambda: partial(
         authenticate.inspect, cloud(), origin=(0, 0, 0), threads=1

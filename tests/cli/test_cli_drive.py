@@ -344,24 +344,31 @@ def test_the_watermarks_of_a_drive_are_allowed_for(
 
 
 def test_a_lattice_is_made_and_measured(drive: Path, tmp_path: Path) -> None:
-    scans = sorted((drive / SCANS).glob("*.bin"))
+    (drive / SCANS / "0000000001.bin").unlink()  # the one that was edited
+    other = tmp_path / "other"
+    (other / SCANS).mkdir(parents=True)
+    for number in range(3):
+        street(8 + number).write(other / SCANS / f"{number:010d}.bin")
+    scans = sorted(tmp_path.rglob("*.bin"))
     out = tmp_path / "mine.json"
-    twice = [scans[0], scans[0], scans[2], scans[2]]
-    made = command_line.run("lattice", *twice, "-o", out, "--planted", "1", "--json", "-q")
+    made = command_line.run("lattice", *scans[:4], "-o", out, "--planted", "1", "--json", "-q")
     assert made.exit_code == 0, made.output
     told = json.loads(made.stdout)
     assert (told["lasers"], told["steps"], told["range_step"]) == (64, 4000, 0.002)
     assert told["power"]["added"]["share"] == 1.0
     loaded = authenticate.SensorLattice.load(out)
     assert loaded.power["added"].source == "2 clean scans of 0000000000.bin and 3 more"
-    folders = [drive] * 3  # scans 0, 2, 1 and 0 of 0, 1, 2, 0, 1, 2, ...
-    same = authenticate.calibrate_lattice(folders, most=4, planted=1)
-    assert same.power["added"].source == f"2 clean scans of {drive.name} and 2 more"
+    same = authenticate.calibrate_lattice([drive, other], most=4, planted=1)
+    assert same.power["added"].source == f"2 clean scans of {drive.name} and 1 more"
     assert same.power["added"].planted == 2
+    copy = shutil.copy(scans[0], tmp_path / "copy.bin")
+    twice = command_line.run("lattice", *scans[:3], copy, "-o", tmp_path / "twice.json")
+    told = f"SOURCE: expected different scans; {copy} has the points of {scans[0]}"
+    assert str(twice.exception) == told
     with pytest.raises(InputError, match="most: expected at least 4, got 3"):
         authenticate.calibrate_lattice([drive, drive], most=3)
     few = command_line.run("lattice", drive, "-o", tmp_path / "few.json")
-    assert "expected at least 4 scans, got 3" in str(few.exception)
+    assert "expected at least 4 scans, got 2" in str(few.exception)
 
 
 def test_options_of_single_scans_are_refused(drive: Path, tmp_path: Path) -> None:

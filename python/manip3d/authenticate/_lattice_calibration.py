@@ -18,6 +18,7 @@ from manip3d.authenticate._generic import generic_consistency
 from manip3d.authenticate._lattice import SensorLattice
 from manip3d.authenticate._lattice_estimate import estimate_lattice
 from manip3d.authenticate._power import measure_power
+from manip3d.authenticate._repeats import first_copies, points_id
 from manip3d.authenticate._sensors import why_off_lattice
 from manip3d.authenticate._verdict import rate_of
 from manip3d.errors import InputError
@@ -82,7 +83,8 @@ def calibrate_lattice(
     Raises
     ------
     InputError
-        There are fewer than four scans, or they have no rings that can be distinguished;
+        There are fewer than four scans, or two with the same points, so that a lattice would be
+        judged by what it is estimated from; they have no rings that can be distinguished;
         ``planted`` is not positive or ``most`` is below 4; detector III accuses more of the clean
         scans than chance explains at its rate, so that it cannot judge this scanner; `inspect`
         would not judge one of them by the lattice, so that a measured power would not hold.
@@ -112,6 +114,7 @@ def calibrate_lattice(
     if len(chosen) < MIN_CALIBRATED:
         raise InputError(f"frames: expected at least {MIN_CALIBRATED} scans, got {len(chosen)}")
     listed = [scan if isinstance(scan, LidarFrame) else read_scan(scan) for scan in chosen]
+    _refuse_copies(listed, chosen)
     lattice = estimate_lattice(listed[::2])
     others = [frame.replace(intensity=None) for frame in listed[1::2]]
     rate = rate_of("generic")
@@ -140,6 +143,19 @@ def calibrate_lattice(
     told = source or f"{len(others)} clean scans{_places_in_words(given)}"
     power = {name: replace(each, source=told) for name, each in measured.items()}
     return replace(lattice, power=ReadOnlyMapping(power))
+
+
+def _refuse_copies(scans: Sequence[LidarFrame], given: Sequence[LidarFrame | Path]) -> None:
+    """Raise `InputError` if two of the scans have the same points."""
+    for number, first in enumerate(first_copies([points_id(scan.points) for scan in scans])):
+        if first is not None:
+            names = [
+                f"number {place + 1}" if isinstance(given[place], LidarFrame) else given[place]
+                for place in (number, first)
+            ]
+            raise InputError(
+                f"frames: expected different scans; {names[0]} has the points of {names[1]}"
+            )
 
 
 def _refuse_off_lattice(scans: Sequence[LidarFrame], lattice: SensorLattice, threads: int) -> None:

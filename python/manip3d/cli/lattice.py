@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from manip3d.cli.options import Force, Jobs, Json, Output, Quiet, Seed
-from manip3d.cli.terminal import Terminal, check_output, table
+from manip3d.cli.terminal import Terminal, check_output, naming_options, table
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -52,7 +52,7 @@ def lattice(
     check_output(output, (".json",), force=force)
     for source in sources:
         Path(source).stat()  # what is not there is no folder with too few scans
-    with shell.progress("lattice") as progress:
+    with shell.progress("lattice") as progress, naming_options(frames="SOURCE"):
         found = authenticate.calibrate_lattice(
             sources, most=most, planted=planted, rng=seed, threads=jobs, progress=progress
         )
