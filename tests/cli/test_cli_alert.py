@@ -316,6 +316,7 @@ def test_bad_input_is_named(drive: Path, tmp_path: Path) -> None:
         ((str(drive), "-o", str(tmp_path / "a.pdf")), ".html"),
         ((str(drive), "--speed", "nan"), "--speed: expected a finite number, got nan"),
         ((str(drive), "--every", "nan"), "--every: expected a finite number, got nan"),
+        ((str(drive), "--budget", "nan"), "--budget: expected a number > 0, got nan"),
     ):
         done = run("alert", "run", *arguments)
         assert words in error_line(done)

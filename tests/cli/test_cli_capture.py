@@ -52,6 +52,23 @@ def test_record_refuses_what_exists_and_guesses_the_source(walk: Path, tmp_path:
     assert manip3d("capture", "record", walk).returncode == 2
 
 
+@pytest.mark.parametrize(
+    ("options", "told"),
+    [
+        (("--seconds", "nan"), "--seconds: expected > 0, got nan"),
+        (("--before", "nan", "--trigger", "person"), "--before: expected 0 to 60 seconds, got nan"),
+        (("--rate", "3"), "--intrinsics, --units-per-metre, --rate: expected none of them for sim"),
+    ],
+)
+def test_wrong_numbers_name_their_option(
+    options: tuple[str, ...], told: str, walk: Path, tmp_path: Path
+) -> None:
+    source = "sim:body?frames=3" if "--rate" in options else walk
+    done = manip3d("capture", "record", source, "-o", tmp_path / "new", *options)
+    assert f"error: {told}" in done.stderr
+    assert done.returncode == 1
+
+
 def test_info_counts_gaps(walk: Path) -> None:
     done = manip3d("capture", "info", walk, "--json")
     record = json.loads(done.stdout)

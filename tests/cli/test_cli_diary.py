@@ -312,8 +312,10 @@ def test_games_of_a_simulated_person_are_left_out(path: str) -> None:
     [
         (["show", "P02"], "'P02' is not enrolled"),
         (["rate", "P01"], "expected --pain, --mcgill or --event"),
-        (["rate", "P01", "--mcgill", "1,2"], "ranks: expected 20, got 2"),
-        (["rate", "P01", "--mcgill", "a"], "mcgill: expected 20 whole numbers"),
+        (["rate", "P01", "--mcgill", "1,2"], "--mcgill: expected 20, got 2"),
+        (["rate", "P01", "--mcgill", "a"], "--mcgill: expected 20 whole numbers"),
+        (["rate", "P01", "--mcgill", "1_0" + ",0" * 19], "--mcgill: expected 20 whole numbers"),
+        (["rate", "P01", "--mcgill", "9" + ",0" * 19], "--mcgill: expected 0 to 6 in group 1"),
         (["delete", "P02", "--yes"], "'P02' is not enrolled"),
         (["enrol", "P01"], "P01 is enrolled already"),
     ],

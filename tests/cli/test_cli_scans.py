@@ -67,6 +67,8 @@ def test_a_table_of_scans_and_depth_images_has_their_counts(tmp_path: Path) -> N
     depth[1:3, 1:] = [[1000, 1500, 2000, 2500]] * 2
     Image.fromarray(depth).save(tmp_path / "c.png")
     named = [tmp_path / name for name in ("a.pcd", "b.bin", "c.png")]
+    wrong = manip3d("info", named[2], "--unit", "nan")
+    assert "error: --unit: expected guess, mm, " in wrong.stderr
     header, *rows = run("info", *named, "--unit", "mm", *ALONE).splitlines()
     assert header.split() == ["source", "format", "points", "pixels", "measured", "frames", "range"]
     told = [row.split() for row in rows]

@@ -212,9 +212,11 @@ def run(
             marker = stack.enter_context(authenticate.Watermarker(ring, state=state))
         if budget is None:
             budget = authenticate.TURN_S if live else math.inf
-        monitor = authenticate.AlertMonitor(
-            marker, policy=policy, rig=drive.rig, budget_s=budget, every_s=every, background=live
-        )
+        with naming_options(budget_s="budget"):
+            monitor = authenticate.AlertMonitor(
+                marker, policy=policy, rig=drive.rig, budget_s=budget, every_s=every,
+                background=live,
+            )  # fmt: skip
         view = stack.enter_context(_View(shell, source, drive.num_frames))
         log = _FrameLog(timeline, view)
         watched = authenticate.watch_drive(

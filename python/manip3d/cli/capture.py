@@ -120,7 +120,8 @@ def open_source(
         options["units_per_metre"] = units_per_metre
     if rate:
         options["rate"] = rate
-    with naming_options("units-per-metre", "rate", "start", "speed", uri="SOURCE"):
+    named = {"camera": "intrinsics", "uri": "SOURCE"}
+    with naming_options("units-per-metre", "rate", "start", "speed", **named):
         opened = capture.open_rgbd(uri, **options)
     camera = opened.calibration.depth
     length = "" if opened.num_frames is None else f", {counted(opened.num_frames, 'frame')}"
@@ -242,7 +243,7 @@ def write_recording(
             begins, wanted = opened.enter_context(trigger_of(trigger))
             kept = f"; the last {before:g} s are kept" if before else ""
             terminal.say(f"waiting for {wanted}{kept}")
-        opened.enter_context(naming_options("output", path="output"))
+        opened.enter_context(naming_options("output", "seconds", "before", path="output"))
         progress = opened.enter_context(terminal.progress("record"))
         done = capture.record(
             source,

@@ -389,12 +389,13 @@ def rate(
     if event is not None:
         check_event_text(event)  # first, so that all is stored or nothing
     when = occasion or Occasion.other
-    ranks = None if mcgill is None else _numbers(mcgill, 20, "mcgill")
+    ranks = None if mcgill is None else _numbers(mcgill, 20, "--mcgill")
     shell = Terminal(as_json=as_json, quiet=quiet)
     record: dict[str, Any] = {"participant": participant}
     with _opened(path, key) as diary:
         if ranks is not None:
-            found = diary.add_mcgill(participant, ranks, ppi or 0, occasion=when.value)
+            with naming_options(ranks="mcgill"):
+                found = diary.add_mcgill(participant, ranks, ppi or 0, occasion=when.value)
             record["mcgill"] = vars(found.score)
             shell.say(f"McGill, {when.value}: PRI {found.score.pri}, NWC {found.score.nwc}")
         if pain is not None:
@@ -842,11 +843,11 @@ def _left_out(simulated: int) -> str:
 
 
 def _numbers(text: str, count: int, name: str) -> list[int]:
-    try:
-        return [int(part) for part in text.split(",")]
-    except ValueError:
+    parts = [part.strip() for part in text.split(",")]
+    if not all(part.removeprefix("-").isdecimal() for part in parts):
         expected = counted(count, "whole number")
-        raise InputError(f"{name}: expected {expected} with commas, got {text!r}") from None
+        raise InputError(f"{name}: expected {expected} with commas, got {text!r}")
+    return list(map(int, parts))
 
 
 def _plain(thing: Any) -> dict[str, Any]:

@@ -6,7 +6,7 @@ from manip3d.cli import capture, describing, kinds, scanning
 from manip3d.cli.kinds import SHOWN, expect_kind
 from manip3d.cli.many import over_files
 from manip3d.cli.options import Calibration, DepthUnit, FolderIntrinsics, Json, Quiet, Source
-from manip3d.cli.terminal import Terminal
+from manip3d.cli.terminal import Terminal, naming_options
 
 
 @over_files(
@@ -39,7 +39,9 @@ def info(
     from manip3d.simplify._depth_inputs import unit_to_read
     from manip3d.viewer import kind_of
 
-    expect_kind(source, *SHOWN, *kinds.narrow_depth(source, unit, intrinsics), verb="info")
+    with naming_options("unit", "intrinsics"):
+        narrow = kinds.narrow_depth(source, unit, intrinsics)
+    expect_kind(source, *SHOWN, *narrow, verb="info")
     shell = Terminal(as_json=as_json, quiet=quiet)
     if not shell.is_collecting:  # the option may apply to another one of several files
         given = {"intrinsics": intrinsics, "unit": unit, "calibration": calibration}
@@ -56,7 +58,8 @@ def info(
         if damage is not None:
             raise damage
     elif kind == "depth":
-        image = describing.depth_summary(source, unit_to_read(unit, intrinsics))
+        with naming_options("unit", "intrinsics"):
+            image = describing.depth_summary(source, unit_to_read(unit, intrinsics))
         shell.result(image, lambda console: describing.show_depth(console, image))
     else:
         record = describing.summary(source, shell)
