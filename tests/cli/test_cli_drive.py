@@ -391,6 +391,11 @@ def test_verdicts_of_drives(frames: list[manip3d.LidarFrame], tmp_path: Path) ->
     assert authenticate.verdict_of_drive(found[:2]) == ("undecidable", "1 of 2 scans")
     assert authenticate.verdict_of_drive(found[:1]) == ("no_trace", "1 of 1 scans")
     assert authenticate.verdict_of_drive([]) == ("undecidable", "there are no scans")
+    page = tmp_path / "one.html"
+    report.write_drive_evidence(found[:1], page, names=["a.bin"], source="drive")
+    text = page.read_text()
+    assert "<p>drive: 1 scan; 1 no_trace</p>" in text
+    assert "scanner of 1 scan: " in text
     with (
         authenticate.KeyFile.create(tmp_path / "key") as key,
         pytest.raises(manip3d.InputError, match="key: can only be given with the records"),

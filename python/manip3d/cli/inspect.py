@@ -329,12 +329,13 @@ def inspect(
     tampered, then a scan that could not be read, then processed and undecidable. No verdict says
     that a scan is authentic: only a keyed watermark proves that.
 
-    Each scan of a drive or of packets gets a line. It is judged together with the scans before and
-    after it, or alone if these are missing or the folder has no times (object and stereo
-    benchmarks). A drive is tampered if more of its scans are accused than false alarms explain: one
-    of 100 clean scans may be accused, and at most 2.1 % of clean drives are called tampered,
-    however long they are. These two edits of a drive have no remark: its reversal if the car was
-    slower than 18 km/h, and scans that are left out evenly if the rest gets new numbers and times.
+    Each scan of a drive or of packets gets a line, or each drive if several sources are given. A
+    scan is judged together with the scans before and after it, or alone if these are missing or the
+    folder has no times (object and stereo benchmarks). A drive is tampered if more of its scans are
+    accused than false alarms explain: one of 100 clean scans may be accused, and at most 2.1 % of
+    clean drives are called tampered, however long they are. These two edits of a drive have no
+    remark: its reversal if the car was slower than 18 km/h, and scans that are left out evenly if
+    the rest gets new numbers and times.
 
     With -o the evidence is written as a page (.html) or as numbers (.json). The page of a scan has
     pictures and boxes; that of a drive a timeline and a map; that of an RGB-D recording its frames,

@@ -19,8 +19,8 @@ def lattice(
         list[str],
         typer.Argument(
             metavar="SOURCE...",
-            help="At least four scans of one scanner, neither edited nor processed, or the folder "
-            "or drive that holds them.",
+            help="At least four different scans of one scanner, neither edited nor processed, or "
+            "the folder or drive that holds them.",
         ),
     ],
     output: Output,

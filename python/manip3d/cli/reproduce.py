@@ -42,7 +42,7 @@ def reproduce(
     ] = Tier.auto,
     scale: Annotated[
         Scale,
-        typer.Option(help="Amount of work; quick: about a minute, full: many minutes."),
+        typer.Option(help="Amount of work; quick: few small cases, full: all cases."),
     ] = Scale.full,
     dask: Annotated[
         str,

@@ -527,8 +527,8 @@ def simplify(
     """Reduce the faces of a mesh.
 
     The mesh is cleaned first. The first target that is reached ends the run: --faces, --ratio,
-    --max-error or --max-distance. Several files are simplified one by one into a folder, in
-    parallel processes.
+    --headset, --max-error or --max-distance. Several files are simplified one by one into a folder,
+    in parallel processes.
 
     If input and output are glTF, the nodes and the appearance of the materials are kept: each mesh
     is simplified once, and its faces count once for each node that draws it.

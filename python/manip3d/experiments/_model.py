@@ -32,7 +32,7 @@ class Plan:
         data only; ``simulated``: simulated models
         only. Experiments without such data are skipped.
     scale : 'quick' or 'full'
-        ``quick``: few small cases, for a look in a minute; ``full``: all cases.
+        ``quick``: few small cases, for a first look; ``full``: all cases.
     seed : int
         Seed of every random choice of the cases.
     """

@@ -12,7 +12,7 @@ import numpy as np
 
 from manip3d import datasets
 from manip3d.experiments import _streams
-from manip3d.experiments._model import Case, Claim, Column, Experiment, Finding, Plan, Row
+from manip3d.experiments._model import Case, Claim, Column, Experiment, Finding, Plan, Row, counted
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -249,7 +249,7 @@ def _nobody(kind: str) -> Callable[[Sequence[Row]], Iterator[Finding]]:
         told = ", ".join(f"{count} {verdict}" for verdict, count in sorted(counts.items()))
         accused = counts.get("tampered", 0)
         good = accused == 0 and (kind in _MAY_CHANGE_NOTHING or "no_trace" not in counts)
-        yield Finding(f"{len(rows)} recordings", good, told)
+        yield Finding(counted(len(rows), "recording"), good, told)
 
     return judge
 

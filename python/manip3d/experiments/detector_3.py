@@ -389,7 +389,8 @@ def _numbers(rows: Sequence[Row], attack: str) -> tuple[float, str]:
     area = _roc.auc(np.concatenate([*clean.values()]), np.concatenate([*forged.values()]))
     low, high = _roc.auc_interval(clean, forged)
     every = np.concatenate([*forged.values()])
-    text = f"AUC {area:.3f} [{low:.3f}, {high:.3f}], {len(forged)} scenes, {len(every)} forgeries"
+    text = f"AUC {area:.3f} [{low:.3f}, {high:.3f}], {counted(len(forged), 'scene')}, "
+    text += counted(len(every), "forgery", "forgeries")
     simulated = _simulated_scores(rows)
     if simulated:
         threshold = max(float(np.quantile(simulated, 1.0 - ALARM_RATE)), 1e-9)

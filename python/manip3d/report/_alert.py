@@ -301,7 +301,7 @@ def _facts(source: str, counts: AlertCounts) -> str:
     verdicts = ", ".join(f"{count} {name}" for name, count in sorted(counts.verdicts.items()))
     skipped = ", ".join(f"{name} {count}" for name, count in counts.skipped.items()) or "none"
     facts = (
-        f"{source}: {counts.frames} frames ({verdicts})",
+        f"{source}: {counted(counts.frames, 'frame')} ({verdicts})",
         f"time for a verdict: mean {1e3 * counts.mean_s:.0f} ms, slowest "
         f"{1e3 * counts.slowest_s:.0f} ms, {counts.late} later than the budget",
         f"frames in which a check was skipped: {skipped}",

@@ -115,7 +115,7 @@ def _vehicle(drive: Mapping[str, Any], name: str) -> str:
     levels = (float(given["low"]), float(given["high"]))
     loud = [frame for frame in frames if frame["verdict"] not in QUIET]
     worst = max(loud, key=lambda frame: frame["risk"]["score"], default=None)
-    facts = [f"{len(frames)} frames, {len(loud)} of them to look at"]
+    facts = [f"{counted(len(frames), 'frame')}, {len(loud)} of them to look at"]
     if worst is not None:
         attack = f", {worst['attack']}" if worst["attack"] else ""
         facts.append(

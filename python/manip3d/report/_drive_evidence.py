@@ -16,6 +16,7 @@ from manip3d._util.checked import checked
 from manip3d._util.html import html_page, wide
 from manip3d._util.linear import inverse, product
 from manip3d._util.paths import path_of
+from manip3d._util.texts import counted
 from manip3d.errors import InputError
 from manip3d.io._files import atomic_write
 from manip3d.lidar import box_outline
@@ -167,7 +168,7 @@ def _drive_page(
     summary = ", ".join(f"{number} {word}" for word, number in sorted(counts.items()))
     content = (
         f"<h1 class={verdict}>{verdict}</h1><p>{html.escape(reason)}</p>"
-        f"<p>{html.escape(source)}: {len(found)} scans; {html.escape(summary)}</p>"
+        f"<p>{html.escape(source)}: {counted(len(found), 'scan')}; {html.escape(summary)}</p>"
         + _limits(found)
         + "<h2>Timeline</h2>"
         + _timeline(found, names)
@@ -190,7 +191,7 @@ def _limits(found: Sequence[Inspection | None]) -> str:
         "No verdict says that a scan is authentic: only a keyed watermark does.",
     ]
     scanners = Counter(each.sensor.name for each in found if each is not None and each.sensor)
-    facts += [f"scanner of {number} scans: {name}" for name, number in scanners.items()]
+    facts += [f"scanner of {counted(number, 'scan')}: {name}" for name, number in scanners.items()]
     told = {}
     for each in found:
         for report in () if each is None else each.detectors:

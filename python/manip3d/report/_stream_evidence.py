@@ -158,7 +158,7 @@ def _frames(inspection: StreamInspection, frames: Sequence[RgbdFrame]) -> str:
         mask = masks.get(frame.number)
         pixels = 0 if mask is None else int(mask.sum())
         caption = f"frame {frame.number}, {frame.time_ns / 1e9:.2f} s" + (
-            f", {pixels} pixels inserted" if pixels else ""
+            f", {counted(pixels, 'pixel')} inserted" if pixels else ""
         )
         data = base64.b64encode(png_bytes(_marked(frame, mask))).decode()
         shown.append(

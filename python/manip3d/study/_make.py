@@ -117,9 +117,7 @@ def make_stimuli(
             if surfaces:
                 raise InputError("surfaces: expected none with images, which are all of the study")
             if frames != _FRAMES:
-                raise InputError(
-                    "frames: cannot be given with images, which are copied"
-                )
+                raise InputError("frames: cannot be given with images, which are copied")
             copied = copy_rating_stimuli(images, file.parent / name, seed=seed, overwrite=overwrite)
             return MadeStimuli(file.parent / name, len(copied), ())
         made = make_rating_stimuli(
