@@ -993,8 +993,16 @@ def test_warnings_of_the_library_are_in_the_rows(more: tuple[str, ...], tmp_path
 
 def test_an_empty_name_is_no_folder(tmp_path: Path) -> None:
     """An empty source, as from an unset variable of a script, is an error."""
-    line = error_line(manip3d("simplify", "", "--ratio", "0.5", "-o", tmp_path / "out"))
-    assert line.endswith("source: expected a file, a folder or an address, got ''")
+    for verb, *more in (("simplify", "--ratio", "0.5"), ("play",), ("lattice",)):
+        line = error_line(manip3d(verb, "", *more, "-o", tmp_path / "out"))
+        assert line.endswith("source: expected a file, a folder or an address, got ''")
+
+
+def test_wrong_numbers_of_films_and_levels_name_their_option(torus: Path, tmp_path: Path) -> None:
+    done = manip3d("play", torus, "-o", tmp_path / "a.html", "--rate", "nan")
+    assert error_line(done).startswith("manip3d: error: --rate: expected above 0")
+    done = manip3d("lod", torus, "-o", tmp_path / "a.glb", "--levels", 10**20)
+    assert "manip3d: error: --levels: expected a whole number of 64 bits" in done.stderr
 
 
 def test_names_with_brackets_and_colons_are_no_markup(tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ from manip3d.cli.kinds import expect_kind
 from manip3d.cli.many import over_files
 from manip3d.cli.options import Jobs, Json, Quiet, Seed
 from manip3d.cli.sources import open_mesh
-from manip3d.cli.terminal import Terminal, count, table
+from manip3d.cli.terminal import Terminal, count, expect_named, table
 from manip3d.errors import InputError
 from manip3d.io import READABLE
 
@@ -56,15 +56,9 @@ def _original_of(name: str, relative: str, folder: str, known: list[SourceFile])
 
 def _check_original(options: Mapping[str, Any]) -> None:
     """Refuse an original that cannot be that of several meshes."""
-    _expect_name(options["original"])
+    expect_named("original", options["original"])
     if options["original"] == "-":
         raise InputError("original: expected a file or a folder for several meshes, got stdin")
-
-
-def _expect_name(original: str) -> None:
-    """Refuse "" of an unset variable of a script, which would mean the current folder."""
-    if not original:
-        raise InputError("original: expected a file, a folder or an address, got ''")
 
 
 def _by_name(files: list[SourceFile], case: Callable[[str], str]) -> dict[str, list[str]]:
@@ -115,7 +109,7 @@ def compare(
 
     if original == simplified == "-":
         raise typer.BadParameter("stdin holds one mesh: name a file for the other", param_hint="-")
-    _expect_name(original)
+    expect_named("original", original)
     if is_folder(original):
         known = find_files(original, suffixes=READABLE)
         original = _original_of(simplified, PurePosixPath(simplified).name, original, known)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from manip3d.cli.options import Force, Jobs, Json, Output, Quiet, Seed
-from manip3d.cli.terminal import Terminal, check_output, naming_options, table
+from manip3d.cli.terminal import Terminal, check_output, expect_named, naming_options, table
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -49,6 +49,7 @@ def lattice(
     from manip3d import authenticate
 
     shell = Terminal(as_json=as_json, quiet=quiet)
+    expect_named("source", *sources)
     check_output(output, (".json",), force=force)
     for source in sources:
         Path(source).stat()  # what is not there is no folder with too few scans

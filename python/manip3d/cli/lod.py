@@ -113,7 +113,7 @@ def lod(
     if isinstance(opened.thing, Scene):
         scene = opened.thing
         locked = scene_locks(scene, lock_box, lock_boundary, shell)
-        with shell.progress("lod") as progress, naming_options("ratio"):
+        with shell.progress("lod") as progress, naming_options("levels", "ratio"):
             chain = simplify.scene_lods(
                 scene,
                 levels,
@@ -129,7 +129,7 @@ def lod(
         cleaned = mesh if no_clean else simplify.clean(mesh).mesh
         expect_surface(source, mesh, cleaned)
         options |= locks(cleaned, lock_box, lock_boundary, shell)
-        with shell.progress("lod") as progress, naming_options("ratio"):
+        with shell.progress("lod") as progress, naming_options("levels", "ratio"):
             chain = simplify.lod_chain(
                 cleaned, levels, ratio=ratio, method=chosen, options=options, progress=progress
             )

@@ -41,6 +41,7 @@ from manip3d.cli.terminal import (
     collecting,
     count,
     counted,
+    expect_named,
     showing_as,
 )
 from manip3d.cli.terminal import table as show_table
@@ -322,9 +323,7 @@ class over_files:  # a decorator: lower case, like functools.cached_property
     def _command(self, verb: Verb, given: dict[str, Any]) -> None:
         """Run the verb on the one file, or on each of the many files, that the command names."""
         sources: list[str] = given.pop(self.argument)
-        # An unset variable of a script gives "", which would mean the current folder.
-        if "" in sources:
-            raise InputError(f"{self.argument}: expected a file, a folder or an address, got ''")
+        expect_named(self.argument, *sources)
         has_jobs = "jobs" in inspect.signature(verb).parameters
         batch = _BatchOptions(
             to=given.pop("to", ""),

@@ -10,7 +10,14 @@ import typer
 from manip3d.cli.kinds import expect_kind
 from manip3d.cli.options import Force, OptionalOutput, Quiet
 from manip3d.cli.sources import open_mesh
-from manip3d.cli.terminal import Terminal, check_output, counted, say_page
+from manip3d.cli.terminal import (
+    Terminal,
+    check_output,
+    counted,
+    expect_named,
+    naming_options,
+    say_page,
+)
 from manip3d.io import READABLE
 
 
@@ -36,6 +43,7 @@ def play(
     from manip3d import viewer
     from manip3d.batch import find_files
 
+    expect_named("source", *source)
     check_output(output, (".html",), force=force)
     terminal = Terminal(quiet=quiet)
     files = [file.name for file in find_files(source, suffixes=READABLE)]
@@ -49,6 +57,7 @@ def play(
                 progress((done + 1) / len(files), PurePosixPath(name).name)
     title = PurePosixPath(source[0]).name
     labels = [PurePosixPath(name).name for name in files]
-    path = viewer.play(meshes, output, rate=rate, title=title, labels=labels)
-    terminal.say(f"{counted(len(files), 'frame')}")
+    with naming_options("rate"):
+        path = viewer.play(meshes, output, rate=rate, title=title, labels=labels)
+    terminal.say(counted(len(files), "frame"))
     say_page(path, output, terminal)

@@ -277,6 +277,18 @@ def naming_options(*options: str, **others: str) -> Iterator[None]:
         raise InputError(", ".join(shown) + ":" + named_as_options(rest, options)) from error
 
 
+def expect_named(argument: str, *sources: str) -> None:
+    """Refuse "" of an unset variable of a script, which would mean the current folder.
+
+    Raises
+    ------
+    InputError
+        A source has an empty name.
+    """
+    if "" in sources:
+        raise InputError(f"{argument}: expected a file, a folder or an address, got ''")
+
+
 def check_output(
     path: Path | None,
     suffixes: Sequence[str],
