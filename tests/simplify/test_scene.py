@@ -258,9 +258,7 @@ def test_what_is_refused(tmp_path: Path) -> None:
         simplify.simplify_scene(scene, ratio=2.0)
     with pytest.raises(InputError, match=r"lock_box: expected shape \(2, 3\)"):
         simplify.simplify_scene(scene, ratio=0.5, lock_box=[1, 2])
-    with pytest.raises(
-        InputError, match="max_distance: expected method='quality' or a publ"
-    ):
+    with pytest.raises(InputError, match="max_distance: expected method='quality' or a publ"):
         simplify.simplify_scene(scene, "fast", max_distance=0.1)
     for lock in ({"lock_boundary": True}, {"lock_box": [[0, 0, 0], [1, 1, 1]]}):
         told = f"{next(iter(lock))}: expected method='quality' or 'fast', got 'qem4vr'"
