@@ -321,6 +321,38 @@ def test_coordinates_of_a_map_that_are_lost_are_told(tmp_path: Path) -> None:
         assert ("which PCL and Open3D do not read" in done.stderr) == (name == "b.pcd")
 
 
+def test_columns_that_a_forgery_or_a_signed_scan_loses_are_told(tmp_path: Path) -> None:
+    frame = scan().replace(ring=np.arange(300, dtype=np.uint16) % 32)
+    frame.write(tmp_path / "a.pcd")
+    key = tmp_path / "a.key"
+    run("watermark", "keygen", key)
+    for order in (
+        ("convert",),
+        ("forge", "lidar", "deform", "--box", 0, 0, 0, 90, 90, 90, 0),
+        ("watermark", "embed", "--key", key, "--embedding", "detached"),
+    ):
+        for name, lost in (("b.bin", True), ("b.ply", False)):
+            done = manip3d(*order, tmp_path / "a.pcd", "-o", tmp_path / name, "--force")
+            assert done.returncode == 0, done.stderr
+            assert ("ring left out, which .bin does not hold" in done.stderr) == lost, order
+
+
+def test_coordinates_that_are_rounded_are_told(tmp_path: Path) -> None:
+    points = np.random.default_rng(0).uniform(-90, 90, (300, 3)).astype(np.float32)
+    LidarFrame(points).write(tmp_path / "fine.pcd")
+    LidarFrame(np.round(points, 3)).write(tmp_path / "whole.pcd")
+    for source, target, rounded in (
+        ("fine.pcd", "a.las", True),
+        ("fine.pcd", "a.laz", True),
+        ("fine.pcd", "a.ply", False),
+        ("whole.pcd", "b.las", False),
+        ("a.las", "c.las", False),
+    ):
+        done = manip3d("convert", tmp_path / source, "-o", tmp_path / target)
+        assert done.returncode == 0, done.stderr
+        assert ("coordinates are rounded to 0.1 mm" in done.stderr) == rounded, (source, target)
+
+
 def test_an_output_of_another_option_is_named_by_it(tmp_path: Path) -> None:
     np.zeros((9, 4), np.float32).tofile(tmp_path / "a.bin")
     done = manip3d("inspect", tmp_path / "a.bin", "--rows", tmp_path / "rows.txt")

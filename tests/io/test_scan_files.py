@@ -304,7 +304,8 @@ def test_3dtk_is_left_handed_and_in_centimetres(tmp_path: Path) -> None:
     frame = read_scan(path)
     # x to the right, y up, z ahead.
     np.testing.assert_allclose(frame.points[0], [3.0, -1.0, 0.2], rtol=1e-6)
-    assert frame.fields["c3"].tolist() == [0.5, 0.25]
+    assert frame.intensity is not None
+    assert frame.intensity.tolist() == [0.5, 0.25]
     assert frame.format is not None
     pose = frame.format.header["pose"]
     # 5 m ahead, turned by 90 degrees from ahead (z) to the right (x).
@@ -326,9 +327,29 @@ def test_any_format_from_any_other(tmp_path: Path, source: str, target: str) -> 
     read_scan(tmp_path / f"a.{source}").write(tmp_path / f"b.{target}")
     again = read_scan(tmp_path / f"b.{target}")
     assert np.array_equal(again.points, frame.points)
-    if "3d" not in (source, target):
-        assert again.intensity is not None
-        assert np.array_equal(again.intensity, frame.intensity)
+    assert again.intensity is not None
+    assert np.array_equal(again.intensity, frame.intensity)
+
+
+@pytest.mark.parametrize(
+    ("line", "intensity", "fields"),
+    [
+        ("1 2 3", None, []),
+        ("1 2 3 0.1", [0.1], []),
+        ("1 2 3 255 0 7", None, ["c3", "c4", "c5"]),
+        ("1 2 3 0.1 255 0 7", [0.1], ["c4", "c5", "c6"]),
+    ],
+)
+def test_3dtk_fourth_column_is_the_intensity(
+    tmp_path: Path, line: str, intensity: list[float] | None, fields: list[str]
+) -> None:
+    (tmp_path / "a.3d").write_text(f"{line}\n")
+    frame = read_scan(tmp_path / "a.3d")
+    told = None if frame.intensity is None else frame.intensity.tolist()
+    assert told == (None if intensity is None else np.float32(intensity).tolist())
+    assert list(frame.fields) == fields
+    frame.write(tmp_path / "b.3d")
+    assert (tmp_path / "b.3d").read_text() == f"{line}\n"
 
 
 BAD_PCD = [

@@ -21,7 +21,13 @@ from manip3d.errors import InputError
 from manip3d.io import read_scan, write_scan
 from manip3d.io._files import atomic_pair, atomic_path, open_regular
 from manip3d.io._frame_times import drive_times
-from manip3d.io._scan_files import FOLDER_SUFFIXES, position_losses, readable_scans, scan_paths
+from manip3d.io._scan_files import (
+    FOLDER_SUFFIXES,
+    names_left_out,
+    position_losses,
+    readable_scans,
+    scan_paths,
+)
 from manip3d.io._scan_tables import (
     grid_of,
     keeps_float32_only,
@@ -271,8 +277,9 @@ def as_stored(
     """Return a scan as it will be read from its file; the watermark must sign this scan.
 
     PCD keeps the grid of an organised scan and the scanner's position. Warnings state that another
-    format does not. In these, and for scans without a grid, ``num_dropped`` becomes 0 and
-    ``file_rows`` None: points without coordinates are not written, so that a reader drops none.
+    format does not, and which columns of another file a format cannot hold. In these, and for scans
+    without a grid, ``num_dropped`` becomes 0 and ``file_rows`` None: points without coordinates are
+    not written, so that a reader drops none.
     KITTI's and nuScenes' formats have an intensity, which is 0 if the scan has none.
 
     Parameters
@@ -317,6 +324,11 @@ def as_stored(
     # Frames that were made in memory state no position, and nobody expects it in the file.
     for loss in position_losses(frame, suffix) if frame.format is not None else ():
         warnings.warn(loss, stacklevel=caller_level())
+    if frame.format is not None and (names := names_left_out(frame, suffix)):
+        warnings.warn(
+            f"{', '.join(names)} left out, which {suffix} does not hold",
+            stacklevel=caller_level(),
+        )
     if (sides := lost_grid(frame, suffix)) is not None:
         warnings.warn(
             f"the cloud's grid of {sides[1]} x {sides[0]} pixels is not kept in {suffix}: write "

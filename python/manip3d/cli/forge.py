@@ -33,7 +33,7 @@ from manip3d.cli.options import (
     Scan,
     Seed,
 )
-from manip3d.cli.scanning import tell_of_map
+from manip3d.cli.scanning import tell_losses
 from manip3d.cli.signals import ended_like_ctrl_c
 from manip3d.cli.terminal import Terminal, check_output, count, counted, left_out, naming_options
 from manip3d.cli.truth import truth_of
@@ -114,7 +114,7 @@ def forge_scan(
     with atomic_pair(output, truth) as (scan, told):
         forged.write(scan)
         told.write_text(json.dumps(record) + "\n", encoding="utf-8")
-    tell_of_map(forged.frame, scan_suffix(output), terminal)
+    tell_losses([forged.frame], scan_suffix(output), terminal)
     terminal.say(f"wrote {output} and {truth.name}")
     return {
         key: len(value) if key in ("added", "moved", "moved_from", "removed") else value

@@ -17,7 +17,7 @@ from manip3d.io._scan_tables import scan_suffix
 from manip3d.lidar import map_shift
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Sequence
 
     from rich.console import Console
 
@@ -210,7 +210,6 @@ def convert(source: str, output: Path, terminal: Terminal, calibration: Path | N
         where they would be replaced; or other scans lie there.
     """
     from manip3d import io
-    from manip3d.io._scan_files import names_left_out
 
     scans = frames(source, terminal, calibration)
     suffix = scan_suffix(output)
@@ -226,12 +225,7 @@ def convert(source: str, output: Path, terminal: Terminal, calibration: Path | N
             "without --to, or a file that ends in .e57 or .ptx"
         )
     io.write_scans(found, output)
-    for scan in found:
-        tell_of_map(scan, suffix, terminal)
-        _tell_of_grid(scan, suffix, terminal)
-    _tell_left_out(
-        [name for scan in found for name in names_left_out(scan, suffix)], suffix, terminal
-    )
+    tell_losses(found, suffix, terminal)
     terminal.say(f"wrote {output}")
 
 
@@ -273,6 +267,17 @@ def _measured(scan: LidarFrame, suffix: str, terminal: Terminal) -> LidarFrame:
     return scan.select(scan.points.any(axis=1))
 
 
+def tell_losses(scans: Sequence[LidarFrame], suffix: str, terminal: Terminal) -> None:
+    """Warn of what files of this suffix do not hold of the scans that were written to one."""
+    from manip3d.io._scan_files import names_left_out
+
+    for scan in scans:
+        _tell_of_map(scan, suffix, terminal)
+        _tell_of_grid(scan, suffix, terminal)
+    left_out = [name for scan in scans for name in names_left_out(scan, suffix)]
+    _tell_left_out(left_out, suffix, terminal)
+
+
 def _tell_of_grid(scan: LidarFrame, suffix: str, terminal: Terminal) -> None:
     """Warn if the scan is an organised cloud, and a format does not hold its grid."""
     from manip3d.io._scan_tables import lost_grid
@@ -292,14 +297,15 @@ def _tell_left_out(names: list[str], suffix: str, terminal: Terminal) -> None:
         terminal.warn(f"{', '.join(told[:_MAX_TOLD])}{more} left out, which {suffix} does not hold")
 
 
-def tell_of_map(scan: LidarFrame, suffix: str, terminal: Terminal, name: str = "") -> None:
-    """Warn if map coordinates or the scanner's position are lost or are rarely read by programs.
+def _tell_of_map(scan: LidarFrame, suffix: str, terminal: Terminal, name: str = "") -> None:
+    """Warn if coordinates or the scanner's position are lost or are rarely read by programs.
 
     A name of one file of many precedes each warning.
     """
     from manip3d.io._scan_files import position_losses
 
-    for loss in (*position_losses(scan, suffix), *_map_losses(scan, suffix)):
+    losses = (position_losses, _map_losses, _rounding_losses)
+    for loss in (told for of in losses for told in of(scan, suffix)):
         terminal.warn(f"{name}: {loss}" if name else loss)
 
 
@@ -317,6 +323,14 @@ def _map_losses(scan: LidarFrame, suffix: str) -> Iterator[str]:
         shift = scan.format.to_file[:3, 3]
         place = " ".join(f"{value:.0f}" for value in shift)
         yield f"coordinates are written near 0: those of the map are {place} more"
+
+
+def _rounding_losses(scan: LidarFrame, suffix: str) -> Iterator[str]:
+    """Yield a sentence if a file of this suffix gets other coordinates than those of the scan."""
+    from manip3d.io._scan_las import is_rounded
+
+    if suffix in (".las", ".laz") and is_rounded(scan):
+        yield f"coordinates are rounded to 0.1 mm, the step of new {suffix} files"
 
 
 def _write_folder(scans: Iterator[LidarFrame], output: Path, terminal: Terminal) -> None:
@@ -343,7 +357,7 @@ def _write_folder(scans: Iterator[LidarFrame], output: Path, terminal: Terminal)
             turn = None if pose is None else pose.tobytes()
             about = (*map_shift(scan).tolist(), scan.origin, turn)
             if about not in told:
-                tell_of_map(scan, ".bin", terminal, path.name)
+                _tell_of_map(scan, ".bin", terminal, path.name)
             told.add(about)
             left_out |= dict.fromkeys(names_left_out(scan, ".bin"))
             count_written += 1

@@ -112,7 +112,8 @@ def read_scan(
     PLY, LAS, LAZ
         Coordinates of the file; the scanner's position is not known.
     3DTK ``.3d``
-        Converted to metres, x forward, y left, z up, the scanner at the origin.
+        Converted to metres, x forward, y left, z up, the scanner at the origin. If there are four
+        or seven columns, the fourth is the intensity; others are ``c3`` and so on.
         ``format.header["pose"]`` is the pose of the ``.pose`` file beside it.
     E57, PTX
         Coordinates relative to the scanner, the scanner at the origin; ``format.header["pose"]`` is

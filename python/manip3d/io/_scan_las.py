@@ -35,6 +35,7 @@ if TYPE_CHECKING:
 
 _RAW = ("X", "Y", "Z")  # whole numbers from which a reader computes x, y, z
 _LONGEST_NAME = 32  # bytes of the name of an extra dimension
+_STEP_M = 1e-4  # of the coordinates in new files
 _MAX_DEGREES = 180
 """Largest scan angle in degrees; larger whole numbers are counts of 0.006 degrees (LAS 1.4)."""
 _WEEK_S, _LAST_GPS_S = 7 * 86400, 1e9
@@ -105,8 +106,7 @@ def write(frame: LidarFrame, path: Path) -> None:
             others = [n for n in header.point_format.dimension_names if n not in frame.fields]
             columns.append((ring_name(others) or "ring", frame.ring))
     else:
-        of_map = map_coordinates(frame, "las")
-        exact = frame.points.astype(np.float64) if of_map is None else of_map
+        exact = _new_coordinates(frame)
         general = general_fields(frame)
         columns = list(general.items())
         header = _new_header(laspy, exact, general)
@@ -132,6 +132,21 @@ def write(frame: LidarFrame, path: Path) -> None:
         if compressed:
             correct_wave_packets(memory)
         disk.write(memory.getbuffer())
+
+
+def is_rounded(frame: LidarFrame) -> bool:
+    """Return whether a file in another format than that of the scan rounds its coordinates."""
+    if frame.format is not None and frame.format.name == "las":
+        return False
+    exact = _new_coordinates(frame)
+    off = np.abs(exact - _STEP_M * np.rint(exact / _STEP_M))
+    near = 0.5 * np.spacing(np.abs(frame.points)) + 1e-3 * _STEP_M
+    return bool((off > near).any())
+
+
+def _new_coordinates(frame: LidarFrame) -> NDArray[np.float64]:
+    of_map = map_coordinates(frame, "las")
+    return frame.points.astype(np.float64) if of_map is None else of_map
 
 
 def _without_octree(header: Any) -> Any:
@@ -222,7 +237,7 @@ def _new_header(laspy: Any, exact: NDArray[np.float64], columns: dict[str, NDArr
     """Return a header with steps of 0.1 mm, and the kind of GPS time that the values tell."""
     is_colored = all(name in columns for name in ("red", "green", "blue"))
     header = laspy.LasHeader(point_format=7 if is_colored else 6, version="1.4")
-    header.scales = np.full(3, 1e-4)
+    header.scales = np.full(3, _STEP_M)
     header.offsets = np.floor(exact.min(axis=0)) if len(exact) else np.zeros(3)
     if _is_standard_time(columns.get("gps_time", np.empty(0))):
         header.global_encoding.gps_time_type = laspy.header.GpsTimeType.STANDARD

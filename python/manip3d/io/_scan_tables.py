@@ -39,6 +39,8 @@ _COMPRESSED = (".gz", ".xz")
 _TEXT = ("xyz", "xyzi", "xyzn", "xyzrgb", "asc", "pts", "txt", "csv")
 _NAMED_BY_SUFFIX = {"xyzn": ("nx", "ny", "nz"), "xyzrgb": ("red", "green", "blue")}
 """Columns after x, y and z in a text file without column names, as Open3D writes them."""
+_WITH_FOURTH = (4, 7)
+"""Numbers of columns of a ``.3d`` file whose fourth is the intensity: 3DTK's uosr and uos_rrgb."""
 _UNSTATED = (*_TEXT, "npy", "npz")
 """Formats that state neither the scanner's position nor which columns are integers."""
 _WITH_DOUBLES = (*_UNSTATED, "ply", "pcd", "las", "ptx", "ros")
@@ -149,6 +151,8 @@ def read_columns(
     columns = tuple((str(a), str(b), int(c)) for a, b, c in fields)
     if (told := _NAMED_BY_SUFFIX.get(kind)) and [c[0] for c in columns[3:]] == ["c3", "c4", "c5"]:
         columns = (*columns[:3], *((name, "<f8", 1) for name in told))
+    if kind == "3dtk" and len(columns) in _WITH_FOURTH:
+        columns = (*columns[:3], ("intensity", "<f8", 1), *columns[4:])
     dtype = _dtype(columns)
     values = raw.view(dtype) if raw.size else np.empty(num_points, dtype)
     if kind in _BARE:
@@ -693,7 +697,10 @@ def packed_rows(frame: LidarFrame, layout: ScanFormat) -> NDArray[Any]:
         coordinates = layout.file_coordinates(frame.points)
     values: dict[str, NDArray[Any]] = dict(zip("xyz", coordinates.T, strict=True))
     values |= dict(frame.fields)
-    for names, column in ((_INTENSITY, frame.intensity), (_RING, frame.ring)):
+    intensity = frame.intensity
+    if intensity is not None and layout.name == "3dtk":
+        intensity = _short(intensity)
+    for names, column in ((_INTENSITY, intensity), (_RING, frame.ring)):
         if column is not None:
             values |= {key: column for key in names if key not in values}
     for i, (name, kind, count) in enumerate(layout.columns):
@@ -702,6 +709,13 @@ def packed_rows(frame: LidarFrame, layout: ScanFormat) -> NDArray[Any]:
         if found is not None and count > 0 and found.size == count * len(found):
             table[f"{i} {name}"] = _cast(found, np.dtype(kind))
     return table
+
+
+def _short(values: NDArray[np.float32]) -> NDArray[np.float64]:
+    """Return float32 numbers of at most six decimals as the float64 that is written as short."""
+    wide = values.astype(np.float64)
+    rounded = np.round(wide, 6)
+    return np.where(rounded.astype(np.float32) == values, rounded, wide)
 
 
 def _cast(values: NDArray[Any], dtype: np.dtype[Any]) -> NDArray[Any]:
