@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from test_argument_kinds import call_with, recorded
 
 import kernels
-from manip3d import InputError, Intrinsics, Mesh, capture, simplify
+from manip3d import InputError, Intrinsics, Mesh, authenticate, capture, simplify
 
 LAZY = ("forge.at_pace", "forge.stream")
 """Their results make frames when they are asked for."""
@@ -147,6 +147,17 @@ def test_a_tensor_that_is_no_array_is_refused_with_its_own_advice(
             simplify.relief(kernels.DEPTH, camera, 60, **{name: Tensor()})  # type: ignore[arg-type]
     view = simplify.CameraView(Numbers(), camera)  # type: ignore[arg-type]
     assert "depth=tensor([[1.], [2.]])," in repr(view)
+
+
+def test_tables_of_objects_are_refused_with_a_cure() -> None:
+    """Columns of pandas that may have missing numbers are objects for NumPy."""
+    table = pytest.importorskip("pandas").DataFrame(kernels.cloud, columns=list("xyz"))
+    told = r"points: expected an array of numbers, got a DataFrame that NumPy reads as objects; "
+    with pytest.raises(InputError, match=told + r"make it numbers first \(\.to_numpy\(float\)\)$"):
+        authenticate.points_id(table.convert_dtypes())
+    assert authenticate.points_id(table.convert_dtypes().to_numpy(float)) == (
+        authenticate.points_id(table)
+    )
 
 
 def test_numbers_of_a_camera_may_need_their_gradient() -> None:

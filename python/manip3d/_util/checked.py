@@ -283,11 +283,18 @@ def _shown(value: Any) -> str:
 
 
 def _unreadable(value: Any) -> str:
-    """Return words on an array of another library that NumPy cannot read; '' for other values."""
-    if not hasattr(value, "__array__") or isinstance(value, type):
+    """Return words on an array of another library that NumPy cannot read as numbers.
+
+    '' for other values.
+    """
+    if not hasattr(value, "__array__") or isinstance(value, type | np.ndarray | np.generic):
         return ""
     try:
-        np.asarray(value)
+        array = np.asarray(value)
     except CONVERSION_ERRORS as error:
         return unreadable_words(value, error)
-    return ""
+    if array.dtype.kind != "O":
+        return ""
+    # pandas has numbers that may be missing, and NumPy has none.
+    name = type(value).__name__
+    return f"a {name} that NumPy reads as objects; make it numbers first (.to_numpy(float))"
