@@ -18,6 +18,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+import lattice_scans
 import manip3d
 import manip3d.report
 from cave_scans import AHEAD, ball
@@ -186,6 +187,63 @@ def test_an_object_in_the_way_names_the_option_that_allows_it(
     done = run("forge", "lidar", attack, *scans, *order)
     assert str(done.exception).startswith(f"{option}: expected a free place")
     assert "(--allow-collision puts the object there all the same)" in str(done.exception)
+
+
+def test_a_replacement_has_the_intensities_of_its_hoax(scan: Path, tmp_path: Path) -> None:
+    thing = manip3d.LidarFrame(ball(0.6, 50), np.arange(50, dtype=np.float32))
+    output = tmp_path / "forged.bin"
+    for suffix in (".pcd", ".npz"):
+        thing.write(tmp_path / f"thing{suffix}")
+        given = ("--hoax", tmp_path / f"thing{suffix}", "--box", 6, 0, 0, 4, 4, 4, 0, "--scale", 2)
+        done = run(
+            "forge", "lidar", "replacement", scan, "-o", output, *given, "--allow-collision",
+            "--force",
+        )  # fmt: skip
+        assert done.exit_code == 0, done.output
+        forged = manip3d.io.read_scan(output)
+        added = json.loads((tmp_path / "forged.bin.truth.json").read_text())["added"]
+        assert forged.intensity is not None
+        assert forged.intensity[added].tolist() == list(range(50))
+        size = np.ptp(forged.points[added], axis=0)
+        np.testing.assert_allclose(size, 2 * np.ptp(thing.points, axis=0), rtol=1e-4)
+
+
+def test_what_is_wrong_with_a_hoax_names_its_option(scan: Path, tmp_path: Path) -> None:
+    """The scan that is forged is not at fault."""
+    output, mesh, thing = tmp_path / "forged.bin", tmp_path / "a.obj", tmp_path / "thing.bin"
+    manip3d.Mesh([[1, 0, 0], [0, 2, 0], [0, 0, 4]], [[0, 1, 2]]).write(mesh)
+    manip3d.LidarFrame(ball(0.6, 50)).write(thing)
+    full = np.random.default_rng(0).uniform(-9, 9, (20_000, 3)).astype(np.float32)
+    manip3d.LidarFrame(full).write(tmp_path / "full.bin")
+    box = ("--box", 5, 0, 0, 2, 2, 2, 0)
+    for attack, source, hoax, more, told in (
+        ("spoof", scan, mesh, box, "--hoax: expected a scan, which this attack copies, got"),
+        ("lattice-insert", scan, thing, (), "--hoax: expected an object that stands free"),
+        (
+            "replacement",
+            tmp_path / "full.bin",
+            thing,
+            (*box, "--scale", 6),
+            "--hoax: expected a free",
+        ),
+    ):
+        done = run("forge", "lidar", attack, source, "-o", output, "--hoax", hoax, *more)
+        assert str(done.exception).startswith(told), done.output
+    assert "(--allow-collision puts the object there all the same)" in str(done.exception)
+
+
+def test_forgeries_on_the_lattice_of_another_scanner_are_warned_of(tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    firings, box = lattice_scans.scan(rng), ("--box", 6, 0, -1, 6, 3, 2, 0)
+    manip3d.LidarFrame(firings).write(tmp_path / "a.bin")
+    lattice_scans.lattice().save(tmp_path / "own.json")
+    for own, warned in (((), True), (("--lattice", tmp_path / "own.json"), False)):
+        done = run(
+            "forge", "lidar", "lattice-remove", tmp_path / "a.bin", "-o", tmp_path / "b.bin", *box,
+            *own, "--force",
+        )  # fmt: skip
+        assert done.exit_code == 0, done.output
+        assert ("forged points stand out, because the scan is not on" in done.stderr) == warned
 
 
 def test_missing_options_are_named(scan: Path, tmp_path: Path) -> None:

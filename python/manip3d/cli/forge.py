@@ -105,9 +105,14 @@ def forge_scan(
     terminal.say(f"read {source}: {counted(frame.num_points, 'point')}")
     with naming_options(
         "allow-collision", "amplitude", "box", "distance", "hoax", "lattice", "position",
-        "range-noise", "scale", angle="yaw", size="box", turn="yaw",
+        "range-noise", "scale", angle="yaw", object_points="hoax", size="box", turn="yaw",
     ):  # fmt: skip
         forged = ATTACKS[attack].forge(frame, order)
+    if "lattice" in ATTACKS[attack].options and (why := _why_off_lattice(frame, order)):
+        terminal.warn(
+            f"--lattice: forged points stand out, because the scan is not on the lattice: {why}; "
+            "'manip3d lattice' makes the lattice of a scanner"
+        )
     record = truth_of(forged, output) | {"source": source, "output": str(output)}
     if "seed" in ATTACKS[attack].options:
         record["seed"] = order.seed
@@ -225,10 +230,11 @@ def _rotate(frame: LidarFrame, order: Order) -> Forgery:
 def _replace(frame: LidarFrame, order: Order) -> Forgery:
     from manip3d import forge
 
-    points = _points(_hoax(order)) * order.scale
+    hoax = _hoax(order)
+    points = _points(hoax) * order.scale
     return forge.replacement(
         frame,
-        points,
+        LidarFrame(points, hoax.intensity) if isinstance(hoax, LidarFrame) else points,
         _box(order, frame),
         allow_collision=order.allow_collision,
         threads=order.threads,
@@ -331,14 +337,24 @@ def _seen_object(frame: LidarFrame, order: Order) -> LidarFrame:
 
     Without a box, the nearest object is used.
     """
+    if order.hoax is not None and scan_suffix(order.hoax) not in SCAN_SUFFIXES:
+        raise InputError(f"--hoax: expected a scan, which this attack copies, got {order.hoax}")
     scan = frame if order.hoax is None else _scan_of_hoax(order.hoax)
-    inside = (_box(order, scan)).contains(scan.points)
+    # Without a box, the object is sought in the scan of the hoax.
+    with naming_options("hoax", **({} if order.hoax is None else {"scan": "hoax"})):
+        inside = _box(order, scan).contains(scan.points)
     intensity = None if scan.intensity is None else scan.intensity[inside]
     return LidarFrame(scan.points[inside], intensity)
 
 
 def _turn(order: Order) -> float:
     return np.pi / 2.0 if order.yaw is None else order.yaw
+
+
+def _why_off_lattice(frame: LidarFrame, order: Order) -> str | None:
+    from manip3d.authenticate._sensors import why_off_lattice
+
+    return why_off_lattice(frame, _lattice(order), threads=order.threads)
 
 
 def _lattice(order: Order) -> Any:

@@ -697,9 +697,9 @@ def packed_rows(frame: LidarFrame, layout: ScanFormat) -> NDArray[Any]:
         coordinates = layout.file_coordinates(frame.points)
     values: dict[str, NDArray[Any]] = dict(zip("xyz", coordinates.T, strict=True))
     values |= dict(frame.fields)
-    intensity = frame.intensity
-    if intensity is not None and layout.name == "3dtk":
-        intensity = _short(intensity)
+    intensity: NDArray[np.floating[Any]] | None = frame.intensity
+    if frame.intensity is not None and layout.name == "3dtk":
+        intensity = _short(frame.intensity)
     for names, column in ((_INTENSITY, intensity), (_RING, frame.ring)):
         if column is not None:
             values |= {key: column for key in names if key not in values}
