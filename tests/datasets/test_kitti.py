@@ -99,6 +99,23 @@ def write_object(folder: Path) -> Path:
     return folder
 
 
+@pytest.mark.parametrize("suffix", [".txt", ".npz", ".bin"])
+def test_scans_of_a_drive_may_be_texts_and_arrays(tmp_path: Path, suffix: str) -> None:
+    """KITTI's raw drives that were not synchronised hold texts."""
+    drive = write_raw(tmp_path)
+    data = drive / "velodyne_points" / "data"
+    for path in data.iterdir():
+        path.unlink()
+    (data / "readme.txt").write_text("measured on Monday\n")
+    for index in (0, 2):
+        scan(index).write(data / f"{index:010d}{suffix}")
+    found = open_kitti(drive)
+    assert [frame.name for frame in found] == ["0000000000", "0000000002"]
+    assert [len(frame.scan().points) for frame in found] == [50, 50]
+    with capture.open(f"kitti:{drive}") as source:
+        assert len(list(source)) == 2
+
+
 def test_object_labels_become_boxes_of_the_lidar(tmp_path: Path) -> None:
     frame = open_kitti(write_object(tmp_path))[0]
     (box,) = frame.boxes()

@@ -537,6 +537,17 @@ def test_nuscenes_has_five_columns(tmp_path: Path) -> None:
         read_scan(path)
 
 
+def test_a_scan_without_rings_has_none_after_nuscenes_format(tmp_path: Path) -> None:
+    """Points of several lasers with one number make no lines, so that no scanner is recognised."""
+    frame = scan(50).replace(ring=None)
+    frame.write(tmp_path / "a.pcd.bin")
+    again = read_scan(tmp_path / "a.pcd.bin")
+    assert again.ring is None
+    assert not again.fields
+    again.write(tmp_path / "b.pcd.bin")
+    assert (tmp_path / "b.pcd.bin").read_bytes() == (tmp_path / "a.pcd.bin").read_bytes()
+
+
 COLUMNS = ("x", "y", "z", "intensity", "column_5", "column_6", "column_7")
 
 

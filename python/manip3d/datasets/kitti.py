@@ -28,7 +28,7 @@ from manip3d.errors import FormatError, InputError
 from manip3d.io._files import regular_bytes
 from manip3d.io._frame_times import drive_times
 from manip3d.io._images import decoded_picture
-from manip3d.io._scan_files import read_scan, scan_paths
+from manip3d.io._scan_files import read_scan, readable_scans
 from manip3d.io._scan_tables import scan_stem
 from manip3d.lidar import Box, LidarFrame
 
@@ -344,7 +344,7 @@ class KittiDrive:
             )
         self.calibration_path, self.per_frame = _find_calibration(path, calibration)
         self.tracklet_path = _first([path / "tracklet_labels.xml"])
-        self._scans = tuple(scan_paths(self.scan_folder))
+        self._scans = tuple(readable_scans(self.scan_folder))
         self._times = drive_times(path)
 
     @functools.cached_property

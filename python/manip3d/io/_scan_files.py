@@ -106,7 +106,7 @@ def read_scan(
         intensity. If the values show that rows have three, five, six or seven floats, ``fields``
         has the further columns as ``column_5`` and so on.
     nuScenes ``.pcd.bin``
-        Coordinates of the file, the scanner at the origin.
+        Coordinates of the file, the scanner at the origin. Rings that are all 0 are none.
     PCD
         Coordinates of the file, the scanner at the file's viewpoint.
     PLY, LAS, LAZ
@@ -245,8 +245,8 @@ def write_scan(frame: LidarFrame, path: str | os.PathLike[str]) -> None:
     types and their order, and the exact coordinates of points that were not moved. Another format
     gets x, y, z, the intensity, the ring, and those ``fields`` that it can hold:
 
-    - ``.bin`` (KITTI) holds only the intensity, 0 if there is none; ``.3d`` (3DTK) only the
-      intensity.
+    - ``.bin`` (KITTI) holds only the intensity, ``.pcd.bin`` (nuScenes) also the ring; they are 0
+      if there is none. ``.3d`` (3DTK) holds only the intensity.
     - E57 holds rows, columns and colours. Its coordinates are 32-bit floats; map coordinates are
       shifted near 0, and the shift is in the pose.
     - PTX holds colours. ``.pts`` has colours in its last columns, ``.xyzrgb`` only colours and

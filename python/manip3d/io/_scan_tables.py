@@ -375,7 +375,9 @@ def _ring(by_name: dict[str, NDArray[Any]], kind: str, name: str) -> NDArray[Any
     """
     ring = None if kind in _TEXT else _take(by_name, _RING, "iu")
     if ring is None and kind == "nuscenes":
-        ring = _whole(by_name, "ring", name)
+        # Zeros fill the column, which the format has, of a scan whose lasers are not known.
+        told = _whole(by_name, "ring", name)
+        ring = told if told.any() else None
     if ring is None and kind in _UNSTATED:
         ring = next((_whole(by_name, key, name) for key in _RING if key in by_name), None)
     if ring is None:
