@@ -302,6 +302,8 @@ def test_the_verifiers_policy_holds_for_a_drive(drive: Path, tmp_path: Path) -> 
 
 def test_bad_input_is_named(drive: Path, tmp_path: Path) -> None:
     (tmp_path / "empty").mkdir()
+    recording = tmp_path / "a.pcap"
+    recording.write_bytes(pcap([ethernet(udp_frame(packet([block(0, [3000] * 32)] * 12)))]))
     for arguments, words in (
         ((str(tmp_path / "nothing"),), "nothing"),
         (
@@ -311,6 +313,11 @@ def test_bad_input_is_named(drive: Path, tmp_path: Path) -> None:
         (
             ("sim:street?frames=1", "--calibration", "x"),
             "--calibration: can only be given with a folder",
+        ),
+        ((str(drive), "--calibration", "no such file"), "no such file: No such file"),
+        (
+            (str(recording), "--rigs", "rigs.json"),
+            "error: --rigs: can only be given with a ROS bag",
         ),
         (("sim:indoor-00",), "address: expected sim:street"),
         ((str(drive), "-o", str(tmp_path / "a.pdf")), ".html"),

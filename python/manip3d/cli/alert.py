@@ -349,10 +349,11 @@ def _opened(files: _Files) -> WatchedDrive:
     address = capture.scan_address(files.source)
     if address is None:
         raise InputError(f"{files.source}: expected a drive or a recording of a LiDAR")
-    return capture.watched_recording(
-        address, calibration=files.calibration, rigs=files.rigs, cameras=files.cameras,
-        frames=files.frames, note=lambda text: files.note(f"{files.source}: {text}"),
-    )  # fmt: skip
+    with naming_options("calibration", "cameras", "rigs"):
+        return capture.watched_recording(
+            address, calibration=files.calibration, rigs=files.rigs, cameras=files.cameras,
+            frames=files.frames, note=lambda text: files.note(f"{files.source}: {text}"),
+        )  # fmt: skip
 
 
 def _refuse_files(got: str, expected: str, files: _Files, *names: str) -> None:

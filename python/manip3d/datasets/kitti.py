@@ -444,7 +444,7 @@ def open_kitti(
     InputError
         The folder has neither layout.
     OSError
-        The folder is missing.
+        The folder or the place of the calibration is missing.
 
     Examples
     --------
@@ -460,9 +460,10 @@ def open_kitti(
     folder = path_of(path)
     if not folder.is_dir():
         raise FileNotFoundError(2, os.strerror(2), str(path))
-    return KittiDrive(
-        folder, calibration=None if calibration is None else path_of(calibration, "calibration")
-    )
+    place = None if calibration is None else path_of(calibration, "calibration")
+    if place is not None and not place.exists():  # it is not read if the drive has no pictures
+        raise FileNotFoundError(2, os.strerror(2), str(place))
+    return KittiDrive(folder, calibration=place)
 
 
 def read_calibration(path: Path) -> KittiCalibration:
