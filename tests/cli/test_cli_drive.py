@@ -371,6 +371,18 @@ def test_a_lattice_is_made_and_measured(drive: Path, tmp_path: Path) -> None:
     assert "expected at least 4 scans, got 2" in str(few.exception)
 
 
+@pytest.mark.realdata
+def test_a_lattice_is_made_of_a_recording(realdata: RealData, tmp_path: Path) -> None:
+    """Its scans have rings, which scans of KITTI's format would lose."""
+    recording, out = realdata("lidar/packets/reference/vlp16.pcap"), tmp_path / "mine.json"
+    made = command_line.run("lattice", recording, "-o", out, "--planted", "1", "--json", "-q")
+    assert made.exit_code == 0, made.output
+    assert json.loads(made.stdout)["power"]["added"]["planted"] == 2
+    judged = run(recording, "--lattice", out, "--json", "-q")
+    verdicts = [each["verdict"] for each in json.loads(judged.stdout)["frames"]]
+    assert verdicts == ["no_trace"] * 4 + ["undecidable"]  # the last packet alone
+
+
 def test_options_of_single_scans_are_refused(drive: Path, tmp_path: Path) -> None:
     for option in ("--previous", "--following", "--watermark", "--rows"):
         done = run(drive, option, tmp_path / "x.csv")

@@ -72,7 +72,7 @@ VERBS = {
     ),
     "range grid": "depth, info, view, convert",
     "depth": "depth, info, view",
-    "packets": "inspect, info, view, convert",
+    "packets": "inspect, lattice, alert, info, view, convert",
     "recording": (
         "capture play, capture info, info, view, inspect, forge stream, phantom render, depth"
     ),

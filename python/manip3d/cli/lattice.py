@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from manip3d.cli.kinds import kind_of, path_in
 from manip3d.cli.options import Force, Jobs, Json, Output, Quiet, Seed
+from manip3d.cli.scanning import frames
 from manip3d.cli.terminal import Terminal, check_output, expect_named, naming_options, table
 
 if TYPE_CHECKING:
     from rich.console import Console
+
+    from manip3d.lidar import LidarFrame
 
 
 def lattice(
@@ -20,7 +23,7 @@ def lattice(
         typer.Argument(
             metavar="SOURCE...",
             help="At least four different scans of one scanner, neither edited nor processed, or "
-            "the folder or drive that holds them.",
+            "the folder, drive or recording (.pcap, .osf, .mcap) that holds them.",
         ),
     ],
     output: Output,
@@ -51,11 +54,14 @@ def lattice(
     shell = Terminal(as_json=as_json, quiet=quiet)
     expect_named("source", *sources)
     check_output(output, (".json",), force=force)
+    scans: list[LidarFrame | str] = []
     for source in sources:
-        Path(source).stat()  # what is not there is no folder with too few scans
+        path_in(source).stat()  # what is not there is no folder with too few scans
+        is_recording = kind_of(source) == "packets"
+        scans += frames(source, shell) if is_recording else [source]
     with shell.progress("lattice") as progress, naming_options(frames="SOURCE"):
         found = authenticate.calibrate_lattice(
-            sources, most=most, planted=planted, rng=seed, threads=jobs, progress=progress
+            scans, most=most, planted=planted, rng=seed, threads=jobs, progress=progress
         )
     found.save(output)
     shell.say(f"wrote {output}")
