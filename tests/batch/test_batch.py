@@ -140,6 +140,61 @@ def test_outputs_of_others_are_not_replaced(texts: Path, tmp_path: Path) -> None
         batch.run(upper, texts, table=tmp_path / "t.csv", suffixes=[".txt"], jobs=1)
 
 
+def test_a_later_run_knows_the_outputs_of_earlier_ones(texts: Path, tmp_path: Path) -> None:
+    (tmp_path / "other").mkdir()
+    (tmp_path / "other" / "a.txt").write_text("two")  # of the size of the first a.txt
+    arguments = {"output": tmp_path / "out", "jobs": 1}
+    batch.run(upper, [texts / "a.txt", texts / "c.txt"], **arguments)
+    with pytest.raises(
+        InputError, match=r"out/a\.txt: exists already, made of .*texts/a\.txt; over"
+    ):
+        batch.run(upper, tmp_path / "other", **arguments)
+    (tmp_path / "out" / "d.txt").write_text("mine")
+    with pytest.raises(InputError, match=r"d\.txt: exists already; overwrite=True"):
+        batch.run(upper, texts / "deep" / "d.txt", **arguments)
+    assert (tmp_path / "out" / "d.txt").read_text() == "mine"
+    batch.run(upper, tmp_path / "other", overwrite=True, **arguments)
+    with pytest.raises(InputError, match=r"a\.txt: exists already, made of .*other/a\.txt; over"):
+        batch.run(upper, texts / "a.txt", **arguments)
+    assert batch.run(upper, texts / "c.txt", **arguments).resumed == 0
+
+
+def test_an_output_that_a_failure_left_is_replaced_by_the_next_run(
+    texts: Path, tmp_path: Path
+) -> None:
+    arguments = {"output": tmp_path / "out", "jobs": 1}
+    assert batch.run(upper, texts / "b.txt", **arguments).failed == 1
+    (tmp_path / "out" / "b.txt").write_text("TO")
+    (texts / "b.txt").write_text("two")
+    assert batch.run(upper, texts / "b.txt", **arguments).failed == 0
+    assert (tmp_path / "out" / "b.txt").read_text() == "TWO"
+
+
+def test_a_row_is_used_again_only_if_it_is_the_last_of_its_output(
+    texts: Path, tmp_path: Path
+) -> None:
+    def resumed(die: str) -> int:
+        options = {"die": die}
+        return batch.run(
+            upper, texts / "a.txt", tmp_path / "out", jobs=1, options_of=lambda file: options
+        ).resumed
+
+    assert [resumed(die) for die in ("x", "x", "y", "x", "y", "y")] == [0, 1, 0, 0, 0, 1]
+
+
+def test_a_file_that_is_named_in_two_ways_is_one_source(
+    texts: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(texts)
+    (texts / "link.txt").symlink_to("a.txt")
+    twice = ["a.txt", texts / "a.txt", "deep/../a.txt", "./a.t?t"]
+    assert [file.name for file in batch.find_files([*twice, "link.txt"])] == ["a.txt", "link.txt"]
+    listed = [*batch.find_files("a.txt"), *batch.find_files(str(texts / "a.txt")), *twice]
+    assert len(batch.run(upper, listed, tmp_path / "out", jobs=1).rows) == 1
+    (texts / "day" / "velodyne").mkdir(parents=True)
+    assert len(batch.find_drives(["day", texts / "day", ".", "day/."])) == 1
+
+
 def test_bad_arguments_are_refused(texts: Path, tmp_path: Path) -> None:
     with pytest.raises(InputError, match="jobs: expected >= 0"):
         batch.run(upper, texts, jobs=-1)

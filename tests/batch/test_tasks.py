@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import multiprocessing
 import os
+import sys
 import time
 from collections.abc import Callable
 from concurrent.futures import Future
@@ -72,12 +73,14 @@ def test_lost_tasks_run_again_and_not_for_ever() -> None:
     assert runs.count(2) == 4
 
 
-def test_errors_are_outcomes() -> None:
-    tasks = {1: (double, (1,)), 2: (fail, (2,))}
-    found = dict(run_tasks(tasks, 1))
-    assert found[1] == Outcome(2)
-    details = {"code": "internal", "message": "no 2"}
-    assert found[2] == Outcome(error="ValueError: no 2", details=details)
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_errors_are_outcomes(jobs: int) -> None:
+    tasks = {1: (double, (1,)), 2: (fail, (2,)), 3: (sys.exit, ("no 3",)), 4: (double, (4,))}
+    found = dict(run_tasks(tasks, jobs))
+    assert (found[1], found[4]) == (Outcome(2), Outcome(8))
+    for number, name in ((2, "ValueError"), (3, "SystemExit")):
+        details = {"code": "internal", "message": f"no {number}"}
+        assert found[number] == Outcome(error=f"{name}: no {number}", details=details)
 
 
 def level_of_log() -> int:

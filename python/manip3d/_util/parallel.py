@@ -265,7 +265,7 @@ def _attempt_on_dask(
 def _attempt(function: Callable[..., Any], arguments: tuple[Any, ...]) -> Outcome:
     try:
         return Outcome(function(*arguments))
-    except Exception as error:  # becomes a part of the outcome
+    except (Exception, SystemExit) as error:  # becomes a part of the outcome
         _log.debug("%s", traceback.format_exc())
         return _failure(error)
 

@@ -108,6 +108,7 @@ class Rows:
             for line in lines:
                 record = unsealed(line)
                 if record is not None and record.get("asked") == self._asked_hash:
+                    self._rows.pop(record["key"], None)  # the order is that of the last rows
                     self._rows[record["key"]] = record["row"]
 
     def load(self, key: str) -> dict[str, Any] | None:
@@ -123,6 +124,15 @@ class Rows:
         dict or None
         """
         return self._rows.get(key)
+
+    def items(self) -> list[tuple[str, dict[str, Any]]]:
+        """Return all keys and rows, in the order in which they were stored.
+
+        Returns
+        -------
+        list of (str, dict)
+        """
+        return list(self._rows.items())
 
     def save(self, key: str, row: dict[str, Any]) -> dict[str, Any]:
         """Keep a row in memory; it is stored by `flush`, or by a `save` in a later second.

@@ -22,9 +22,10 @@ from manip3d._util.options import fraction_only, reporting
 from manip3d._util.parallel import check_function
 from manip3d._util.paths import path_of
 from manip3d._util.reprs import short_repr
+from manip3d.batch._owners import Owners
 from manip3d.batch._places import Place
 from manip3d.batch._rows import Rows
-from manip3d.batch._sources import SourceFile, find_files
+from manip3d.batch._sources import SourceFile, each_once, find_files
 from manip3d.batch._stamps import BESIDE, Stamps
 from manip3d.batch._stored import Row, run_stored
 from manip3d.batch._table import check_table, write_table
@@ -112,6 +113,7 @@ def run(
     table : path or URL, optional
         ``.csv`` or ``.parquet``; default: ``results.csv`` in ``output``. Rows are stored beside it
         as they come, in a folder that ends in ``.rows``; a run without a table cannot be resumed.
+        The table has the files of the last run; stored rows of other files are kept beside it.
     jobs : int
         Processes; 0: one per core; 1: in this process. They import the script that calls this, so
         that the call must be below ``if __name__ == "__main__":``.
@@ -137,9 +139,10 @@ def run(
     Raises
     ------
     InputError
-        No file is found; two files have the same output; an output or a table exists that no
-        earlier run of this call has made; the table has another suffix. Worker processes cannot
-        import the function, or the script calls this while they import it.
+        No file is found; two files have the same output; an output exists that no earlier run with
+        this table has made of the same source, or a table that no run of this call has made; the
+        table has another suffix. Worker processes cannot import the function, or the script calls
+        this while they import it.
     MissingExtraError
         The table is Parquet, and pyarrow is not installed; no file is processed.
     OSError
@@ -270,7 +273,7 @@ def _listed(sources: Any, suffixes: Sequence[str] | None, output: Place | None) 
     several = [sources] if isinstance(sources, str | os.PathLike) else list(sources)
     listed = [file for file in several if isinstance(file, SourceFile)]
     rest = [source for source in several if not isinstance(source, SourceFile)]
-    found = listed + (find_files(rest, suffixes=suffixes) if rest else [])
+    found = each_once([*listed, *(find_files(rest, suffixes=suffixes) if rest else [])])
     if not found:
         raise InputError("sources: expected files, found none")
     if output is None:
@@ -379,15 +382,18 @@ class _Memory:
 
 
 class _Checked:
-    """Stored rows; a row whose output is missing or has another size counts as missing."""
+    """Stored rows, without those whose output is missing, of another size or of a later row."""
 
     def __init__(self, rows: Rows, output: Place | None, sizes: Mapping[str, int]) -> None:
         self._rows, self._output, self._sizes = rows, output, sizes
+        self._last = {row["output"]: key for key, row in rows.items()}
 
     def load(self, key: str) -> Row | None:
         row = self._rows.load(key)
         if row is None or self._output is None or row["output_bytes"] is None:
             return row
+        if self._last[row["output"]] != key:
+            return None
         name = str(row["output"]).removeprefix(self._output.of(""))
         if name not in self._sizes:
             return None
@@ -413,10 +419,24 @@ def _store(
     sizes = {} if output is None else _with_folders(output.sizes())
     if table is None:
         return _Memory()
-    folder = rows_folder(table)
-    if not overwrite and not Place(folder).names():
-        _refuse_existing(table, output, sizes, targets)
-    return _Checked(rows_of(folder, asked), output, sizes)
+    folder = Place(rows_folder(table))
+    names = folder.names()
+    owners = Owners(folder, names)
+    if not overwrite:
+        if output is not None:
+            owners.refuse_others(output, sizes, targets)
+        if not names and _is_there(table, output, sizes):
+            raise InputError(f"{table}: exists already; overwrite=True replaces it")
+    rows = rows_of(str(folder), asked)
+    if output is not None:
+        owners.add(output, targets)
+    return _Checked(rows, output, sizes)
+
+
+def _is_there(table: str, output: Place | None, sizes: Mapping[str, int]) -> bool:
+    if not is_url(table):
+        return Path(table).exists()
+    return output is not None and table in map(output.of, sizes)
 
 
 def rows_folder(table: str) -> str:
@@ -431,15 +451,3 @@ def _with_folders(sizes: Mapping[str, int]) -> dict[str, int]:
         for folder in PurePosixPath(name).parents[:-1]:
             totals[str(folder)] = totals.get(str(folder), 0) + size
     return totals
-
-
-def _refuse_existing(
-    table: str, output: Place | None, sizes: Mapping[str, int], targets: Mapping[str, str | None]
-) -> None:
-    there = set() if output is None else {output.of(name) for name in sizes}
-    taken = [target for target in targets.values() if target in there]
-    is_here = Path(table).exists() if not is_url(table) else table in there
-    if taken or is_here:
-        raise InputError(
-            f"{taken[0] if taken else table}: exists already; overwrite=True replaces it"
-        )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import glob
 import os
 import re
@@ -156,12 +157,11 @@ def find_files(
     ['day/a.bin', 'day/b.bin.xz']
     """
     named = [sources] if isinstance(sources, str | os.PathLike) else list(sources)
-    found: dict[str, SourceFile] = {}
+    found: list[SourceFile] = []
     for source in named:
         name = source if is_url(source) else os.fspath(path_of(source, "sources"))
-        for file in _remote(str(name), suffixes) if is_url(source) else _local(str(name), suffixes):
-            found.setdefault(file.name, file)
-    return [found[name] for name in sorted(found, key=by_number(found))]
+        found += _remote(str(name), suffixes) if is_url(source) else _local(str(name), suffixes)
+    return _sorted(each_once(found))
 
 
 @checked
@@ -208,17 +208,47 @@ def find_drives(
     ['day/a', 'day/b']
     """
     named = [sources] if isinstance(sources, str | os.PathLike) else list(sources)
-    found: dict[str, SourceFile] = {}
+    found: list[SourceFile] = []
     for source in named:
         if is_url(source):
             raise InputError(f"{source}: expected a drive on this machine, got a URL")
         name = os.fspath(source)
         if name.startswith(_ADDRESSES):
-            found.setdefault(name, SourceFile(name, _plain_name(name), name))
-            continue
-        for drive in _drives_of(str(path_of(source, "sources")), suffixes):
-            found.setdefault(drive.name, drive)
-    return [found[name] for name in sorted(found, key=by_number(found))]
+            found.append(SourceFile(name, _plain_name(name), name))
+        else:
+            found += _drives_of(str(path_of(source, "sources")), suffixes)
+    return _sorted(each_once(found))
+
+
+def each_once(files: Sequence[SourceFile]) -> list[SourceFile]:
+    """Return the files without those that an earlier one is, however their paths are written.
+
+    Links are files of their own.
+    """
+    found: dict[str, SourceFile] = {}
+    for name, file in zip(absolute_names([file.name for file in files]), files, strict=True):
+        found.setdefault(name, file)
+    return list(found.values())
+
+
+def absolute_names(names: Iterable[str]) -> list[str]:
+    """Return paths as absolute ones, through no links of folders; URLs and addresses unchanged."""
+    folder_of = functools.cache(os.path.realpath)
+
+    def absolute(name: str) -> str:
+        if is_url(name) or name.startswith(_ADDRESSES):
+            return name
+        folder, own = os.path.split(name)
+        if own in ("", os.curdir, os.pardir):
+            return folder_of(name)
+        return os.path.join(folder_of(folder), own)
+
+    return [absolute(name) for name in names]
+
+
+def _sorted(files: Sequence[SourceFile]) -> list[SourceFile]:
+    key = by_number([file.name for file in files])
+    return sorted(files, key=lambda file: key(file.name))
 
 
 def _plain_name(address: str) -> str:
