@@ -20,7 +20,8 @@ from typing import Any
 import pytest
 from typer.testing import CliRunner
 
-from manip3d import Mesh, batch, capture, cli, io
+from gltf_files import PNG, glb
+from manip3d import Material, Mesh, Texture, batch, capture, cli, io
 from manip3d._util import fingerprint
 from manip3d._util.paths import by_number
 from manip3d.batch import Rows, _run
@@ -28,7 +29,7 @@ from manip3d.batch._places import Place
 from manip3d.batch._stamps import Stamps, stamp_of_folder, stamp_of_info
 from manip3d.batch._stored import Finished
 from manip3d.errors import InputError
-from manip3d.io._remote import companions
+from manip3d.io._remote import companions, named_beside
 from toy_work import running, upper
 from watermark_scans import key_file
 
@@ -142,14 +143,19 @@ TEXTURE = "ply\ncomment TextureFile my skin.png\nend_header\ncomment TextureFile
          ["-bm 1 my skin.png", "1 my skin.png", "my skin.png", "skin.png"]),
         ("a.ply", TEXTURE, ["my skin.png"]),
         ("a.gltf", '{"uri":\n"a%20b.bin", "uri": "data:,", "uri": "../c.bin"}', ["a b.bin"]),
+        ("a.gltf", r'{"uri": "maps\/\u00e4.png"}', ["maps/ä.png"]),
+        ("a.glb", glb(b'{"images": [{"uri": "a.png"}]}', b'"uri": "b.png"'), ["a.png"]),
+        ("a.glb", "glTF", []),
+        ("a.dae", "<init_from>\nmaps/a%20&amp;.png</init_from>", ["maps/a &.png", "a &.png"]),
+        ("a.dae", "<init_from><ref>file:///C:/b.png</ref></init_from>", ["b.png"]),
     ],
 )  # fmt: skip
 @pytest.mark.parametrize("compressed", [False, True])
 def test_the_names_in_a_file_are_those_that_its_reader_takes(
-    name: str, content: str, expected: list[str], compressed: bool, tmp_path: Path
+    name: str, content: str | bytes, expected: list[str], compressed: bool, tmp_path: Path
 ) -> None:
     path = tmp_path / (f"{name}.gz" if compressed else name)
-    written = content.encode()
+    written = content.encode() if isinstance(content, str) else content
     path.write_bytes(gzip.compress(written) if compressed else written)
     assert [str(one) for one in companions(path)] == expected
 
@@ -178,6 +184,19 @@ def test_an_ousters_metadata_are_downloaded_with_its_packets(
     memory.pipe(f"{place}/drive_0.json", b'{"beam_altitude_angles": [1]}')
     with io.local_copy(f"{place}/drive.pcap") as path:
         assert capture.scan_address(str(path)) == f"ouster:{path}"
+
+
+def test_the_start_of_a_remote_glb_tells_what_it_names(request: pytest.FixtureRequest) -> None:
+    fsspec = pytest.importorskip("fsspec", reason="the extra 'remote' is not installed")
+    place, memory = f"memory://named-{os.getpid()}", fsspec.filesystem("memory")
+    request.addfinalizer(lambda: memory.rm(place, recursive=True))
+    content = glb({"images": [{"uri": "a.png"}]}, bytes(1 << 20))
+    memory.pipe(f"{place}/a.glb", content)
+    memory.pipe(f"{place}/a.png", b"picture")
+    assert list(named_beside(f"{place}/a.glb")) == [f"{place}/a.png"]
+    with io.local_copy(f"{place}/a.glb") as path:
+        assert path.read_bytes() == content
+        assert path.with_name("a.png").read_bytes() == b"picture"
 
 
 @pytest.mark.parametrize("suffix", [".obj", ".mtl"])
@@ -698,6 +717,29 @@ def test_a_changed_original_gives_other_distances(tmp_path: Path) -> None:
     assert run(*command)[0] == 0
     assert table.read_text() != first
     assert "2 from an earlier run" in run(*command)[1]
+
+
+@pytest.mark.parametrize("suffix", [".gltf", ".obj"])
+def test_a_mesh_whose_companion_is_gone_is_written_again(suffix: str, tmp_path: Path) -> None:
+    (tmp_path / "meshes").mkdir()
+    white = Material(textures={"base_color": Texture("a.png", PNG)})
+    for number in range(2):
+        Mesh(
+            [[0, 0, 0], [1, 0, 0], [0, 1, number + 1]], [[0, 1, 2]],
+            texcoords=[[0, 0], [1, 0], [0, 1]], face_texcoords=[[0, 1, 2]], face_material=[0],
+            materials=[white],
+        ).write(tmp_path / "meshes" / f"m{number}.glb")  # fmt: skip
+    command = ("convert", tmp_path / "meshes", "-o", tmp_path / "out", "--to", suffix, "--jobs", 1)
+    assert run(*command)[0] == 0
+    assert "2 from an earlier run" in run(*command)[1]
+    for name in map(str, companions(tmp_path / "out" / f"m0{suffix}")):
+        if (tmp_path / "out" / name).is_file():
+            (tmp_path / "out" / name).unlink()
+            assert "(1 from an earlier run)" in run(*command)[1], name
+            assert (tmp_path / "out" / name).is_file()
+            break
+    else:
+        pytest.fail("no companions")
 
 
 def test_a_repeated_verification_sees_what_was_destroyed_since(tmp_path: Path) -> None:

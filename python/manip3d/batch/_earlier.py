@@ -8,7 +8,7 @@ from pathlib import Path
 
 from manip3d._util.json import sealed, unsealed
 from manip3d.batch._places import Place
-from manip3d.batch._run import rows_folder, table_of
+from manip3d.batch._run import bytes_of, rows_folder, table_of
 from manip3d.io._remote import is_url
 
 _LIST = "earlier.json"  # beside the rows of a table
@@ -42,14 +42,14 @@ def earlier_outputs(output: str, table: str) -> list[Path]:
         if not path.is_absolute() and not path.resolve().is_relative_to(folder):
             path = folder / path.name
         path = path.resolve()
-        if path.is_relative_to(folder) and path.is_file() and path.stat().st_size == size:
+        if path.is_relative_to(folder) and path.is_file() and bytes_of(path) == size:
             found.add(path)
     return sorted(found)
 
 
 def store_outputs(outputs: Sequence[Path], output: str, table: str) -> None:
     """Store a list of `earlier_outputs` for later runs, since the next run replaces the rows."""
-    listed = [[str(path), path.stat().st_size] for path in outputs]
+    listed = [[str(path), bytes_of(path)] for path in outputs]
     Place(_rows(output, table)).write(_LIST, json.dumps(sealed({"outputs": listed})))
 
 

@@ -26,7 +26,7 @@ from manip3d.batch._owners import Owners
 from manip3d.batch._places import Place
 from manip3d.batch._rows import Rows
 from manip3d.batch._sources import SourceFile, each_once, find_files
-from manip3d.batch._stamps import BESIDE, Stamps
+from manip3d.batch._stamps import BESIDE, Stamps, named_by
 from manip3d.batch._stored import Row, run_stored
 from manip3d.batch._table import check_table, write_table
 from manip3d.errors import FormatError, InputError
@@ -47,10 +47,10 @@ class Summary:
     ----------
     rows : list of dict
         One row for each file, in the order of their names: ``source``, ``output``, ``error`` (empty
-        without an error), ``output_bytes`` (including records and truths beside the output),
-        ``task_seconds``, and the columns that the function returned under other names. A file that
-        failed has ``error_details`` instead of these columns: ``code``, ``message``, and, if
-        known, ``file``, ``line`` and ``byte_offset``.
+        without an error), ``output_bytes`` (including records and truths beside the output, and,
+        without a URL, the files that it names), ``task_seconds``, and the columns that the function
+        returned under other names. A file that failed has ``error_details`` instead of these
+        columns: ``code``, ``message``, and, if known, ``file``, ``line`` and ``byte_offset``.
     resumed : int
         Rows that an earlier run had made.
     failed : int
@@ -153,9 +153,9 @@ def run(
     Notes
     -----
     A stored row is used again if all that it depends on is unchanged: the function and its options,
-    the library, the size of the output, and the sizes and times of its inputs (the source, the
-    files to which the source refers, and those of ``inputs_of``). The times are those of
-    modification (mtime) and of status change (ctime), which programs cannot set.
+    the library, the size of the output with what it names, and the sizes and times of its inputs
+    (the source, the files to which the source refers, and those of ``inputs_of``). The times are
+    those of modification (mtime) and of status change (ctime), which programs cannot set.
 
     Examples
     --------
@@ -238,7 +238,7 @@ def one_file(
             if isinstance(error, FormatError) and error.file == str(local):
                 error.file = source
             raise
-        num_bytes = None if written is None else _bytes_of(written)
+        num_bytes = None if written is None else bytes_of(written, is_remote=is_url(output))
         names = {str(local): source} | ({str(written): output} if written is not None else {})
     fixed = {
         "source": source,
@@ -255,12 +255,17 @@ def one_file(
     return fixed | own | fixed
 
 
-def _bytes_of(output: Path) -> int | None:
-    """Return the size of an output, file or folder, with its records and truths; None: missing."""
+def bytes_of(output: Path, *, is_remote: bool = False) -> int | None:
+    """Return the size of an output, file or folder, with the files beside it; None: missing.
+
+    Files that a remote output names are not counted: to know them again, it would be fetched.
+    """
     if not output.exists():
         return None
     sizes = Place(str(output)).sizes().values() if output.is_dir() else [output.stat().st_size]
-    beside = (output.with_name(f"{output.name}{suffix}") for suffix in BESIDE)
+    beside = {output.with_name(f"{output.name}{suffix}") for suffix in BESIDE}
+    if output.is_file() and not is_remote:
+        beside |= set(named_by(output))
     return sum(sizes) + sum(path.stat().st_size for path in beside if path.is_file())
 
 
@@ -394,6 +399,8 @@ class _Checked:
             return row
         if self._last[row["output"]] != key:
             return None
+        if not is_url(row["output"]):
+            return row if bytes_of(Path(row["output"])) == row["output_bytes"] else None
         name = str(row["output"]).removeprefix(self._output.of(""))
         if name not in self._sizes:
             return None

@@ -106,7 +106,7 @@ class Stamps:
         if is_url(name):
             first, chain, others = name.partition("::")  # zip://mesh.obj::s3://bucket/a.zip
             return self._remote_folder(f"{first.rpartition('/')[0]}/{chain}{others}")
-        files = sorted(set(_named_by(Path(name))))
+        files = sorted(set(named_by(Path(name))))
         return stamp_of_files((str(file), file) for file in files)
 
     def _stamp_of_input(self, name: str) -> str:
@@ -166,8 +166,8 @@ def _is_within(name: str, places: Iterable[str]) -> bool:
     return any(name == place or name.startswith(f"{place}/") for place in places)
 
 
-def _named_by(path: Path) -> Iterator[Path]:
-    """The files that a file names, and those that they name."""
+def named_by(path: Path) -> Iterator[Path]:
+    """Yield the files that a file names, and those that they name."""
     waiting, seen = [path], {path}
     while waiting and len(seen) <= MAX_COMPANIONS:
         one = waiting.pop()

@@ -10,10 +10,13 @@ import codecs
 import contextlib
 import errno
 import gzip
+import html
+import json
 import lzma
 import os
 import re
 import shutil
+import struct
 import sys
 import tempfile
 import urllib.parse
@@ -39,11 +42,13 @@ _OBJECT_STORES = frozenset(
 _BLOCK = 1 << 20  # bytes per read
 MAX_COMPANIONS = 256  # largest number of files that are downloaded with a file
 _MAX_TEXT = 64 << 20  # bytes of a compressed or remote file that are searched for names
-_MAX_GLTF = 1 << 30  # bytes of a .gltf file that are searched for names
+_MAX_DOCUMENT = 1 << 30  # bytes of JSON or XML that are searched for names
 _MAX_WORDS = 32  # largest number of words in an .mtl statement at which a name may begin
 _CONTINUED = re.compile(rb"\\\r?\n")
 _TAILS = re.compile(r"(?=\s(\S.*))")
 _END_OF_HEADER = re.compile(rb"^end_header", re.MULTILINE)
+_GLTF = (".gltf", ".glb")
+_GLB_START = struct.Struct("<4s4I")  # magic, version, length, and length and type of the JSON
 # Statements that refer to other files: material libraries and textures, buffers and images.
 _NAMED: dict[str, re.Pattern[bytes]] = {
     ".obj": re.compile(rb"^[ \t]*mtllib[ \t]+((?:\\\r?\n|[^\r\n])+)", re.MULTILINE),
@@ -51,7 +56,8 @@ _NAMED: dict[str, re.Pattern[bytes]] = {
         rb"^[ \t]*(?:map_\w+|bump|disp|decal|refl|norm)[ \t]+((?:\\\r?\n|[^\r\n])+)",
         re.MULTILINE | re.IGNORECASE,
     ),
-    ".gltf": re.compile(rb'"uri"\s*:\s*"([^"]+)"'),
+    **dict.fromkeys(_GLTF, re.compile(rb'"uri"\s*:\s*"((?:[^"\\]|\\.)+)"')),
+    ".dae": re.compile(rb"<(?:init_from|ref)\b[^>]*>([^<]+)<"),
     ".ply": re.compile(rb"^comment[ \t]+TextureFile[ \t]+([^\r\n]+)", re.MULTILINE),
 }
 _SCAN, _POSE = ".3d", ".pose"  # suffixes of a scan and of its companion with the same name
@@ -289,10 +295,10 @@ def reads_beside(path: PurePosixPath) -> bool:
 def named_beside(source: str) -> Iterator[str]:
     """Yield the paths or URLs of the files to which a file or URL refers.
 
-    A URL is downloaded only if it is a ``.gltf`` file, whose JSON is small; other URLs yield
-    nothing, and so does a source that cannot be read.
+    Of a URL only the JSON of a glTF file is downloaded, which is small; other URLs yield nothing,
+    and so does a source that cannot be read.
     """
-    if is_url(source) and _plain_suffix(PurePosixPath(source)) != ".gltf":
+    if is_url(source) and _plain_suffix(PurePosixPath(source)) not in _GLTF:
         return
     place = source.rpartition("/")[0]
     try:
@@ -302,7 +308,11 @@ def named_beside(source: str) -> Iterator[str]:
                 system, remote = filesystem(source)
                 path = folder / PurePosixPath(remote).name
                 with naming_remote(source):
-                    _fetch(system, remote, path, _MAX_TEXT, source)
+                    if path.suffix.lower() == ".glb":
+                        with system.open(remote, "rb") as stream:
+                            path.write_bytes(_start_of_glb(stream, _MAX_TEXT))
+                    else:
+                        _fetch(system, remote, path, _MAX_TEXT, source)
             for name in companions(path):
                 yield f"{place}/{name}" if place else str(name)
     except (OSError, Error):
@@ -322,7 +332,19 @@ def companions(path: Path) -> Iterator[PurePosixPath]:
     for text in _texts_of(path, suffix):
         for found in _NAMED[suffix].finditer(text):
             name = _CONTINUED.sub(b" ", found[1]).decode("utf-8", "replace")
-            yield from _files_below(name.strip(), suffix)
+            yield from _files_below(_unescaped(name.strip(), suffix), suffix)
+
+
+def _unescaped(name: str, suffix: str) -> str:
+    """Return a name without the escapes of JSON and XML, and of the URIs in them."""
+    if suffix in _GLTF:
+        with contextlib.suppress(ValueError):
+            name = json.loads(f'"{name}"')
+    elif suffix == ".dae":
+        name = html.unescape(name)
+    else:
+        return name
+    return urllib.parse.unquote(name)
 
 
 def _files_below(text: str, suffix: str) -> Iterator[PurePosixPath]:
@@ -333,11 +355,12 @@ def _files_below(text: str, suffix: str) -> Iterator[PurePosixPath]:
         parts = whole.split()
     elif suffix == ".mtl" and whole.startswith("-"):  # options before a name: -bm 0.5 my image.png
         parts = [match[1] for match in islice(_TAILS.finditer(whole), _MAX_WORDS)]
+    elif suffix == ".dae":  # the folder may be one of the author's computer
+        parts = [whole.rpartition("/")[2]]
     for name in dict.fromkeys([whole, *parts]):
-        plain_name = urllib.parse.unquote(name) if suffix == ".gltf" else name
-        relative = PurePosixPath(plain_name)
+        relative = PurePosixPath(name)
         is_below = not relative.is_absolute() and ".." not in relative.parts
-        if is_below and ":" not in plain_name and "\0" not in plain_name and relative.name:
+        if is_below and ":" not in name and "\0" not in name and relative.name:
             yield relative
 
 
@@ -350,8 +373,8 @@ def _texts_of(path: Path, suffix: str) -> Iterator[bytes]:
     """Yield the content of a file in blocks of whole lines, to save memory.
 
     A compressed file is read up to `_MAX_TEXT` bytes, so that a hostile one cannot expand without
-    limit; a PLY file, up to the end of its header. A glTF file is yielded as one block, because an
-    entry may span several lines.
+    limit; a PLY file, up to the end of its header. JSON and XML are yielded as one block, because
+    an entry may span several lines.
     """
     packing = path.suffix.lower()
     opened: Any = {".gz": gzip.open, ".xz": lzma.open}.get(packing, open)
@@ -360,8 +383,10 @@ def _texts_of(path: Path, suffix: str) -> Iterator[bytes]:
         with opened(path, "rb") as stream:
             if suffix == ".ply":
                 yield _END_OF_HEADER.split(stream.read(_BLOCK), maxsplit=1)[0]
-            elif suffix == ".gltf":
-                yield stream.read(min(most, _MAX_GLTF))
+            elif suffix == ".glb":
+                yield _start_of_glb(stream, min(most, _MAX_DOCUMENT))
+            elif suffix in (".gltf", ".dae"):
+                yield stream.read(min(most, _MAX_DOCUMENT))
             else:
                 yield from _lines_of(stream, most)
     except (
@@ -371,6 +396,15 @@ def _texts_of(path: Path, suffix: str) -> Iterator[bytes]:
         gzip.BadGzipFile,
     ):  # the mesh reader reports the damage
         return
+
+
+def _start_of_glb(stream: Any, most: int) -> bytes:
+    """Return the start of a binary glTF file up to the end of its JSON; empty for other files."""
+    start: bytes = stream.read(_GLB_START.size)
+    if len(start) < _GLB_START.size or not start.startswith(b"glTF"):
+        return b""
+    *_, length, _ = _GLB_START.unpack(start)
+    return start + bytes(stream.read(min(length, most)))
 
 
 def _lines_of(stream: Any, most: int) -> Iterator[bytes]:
