@@ -344,7 +344,7 @@ def test_the_camera_of_instant_ngp(tmp_path: Path) -> None:
         '{"fl_x": 50.0, "fl_y": 51.0, "cx": 32.0, "cy": 24.0, "w": 64.0, "h": 48.0, "k1": 0.1, '
         '"k4": 0, "is_fisheye": false, "frames": [{"file_path": "fisheye_room/1.png"}]}'
     )
-    with pytest.warns(UserWarning, match="are left out: 'k4', 'frames'$"):
+    with pytest.warns(UserWarning, match="are left out: 'frames'$"):
         found = camera.read_intrinsics(path, width=64, height=48)
     lens = (0.1, 0.0, 0.0, 0.0, 0.0)
     assert camera.same_camera(found, Intrinsics(64, 48, 50.0, 51.0, 31.5, 23.5, lens))
@@ -388,6 +388,46 @@ def test_the_product_of_a_pinhole_camera_is_no_lens(model: str, tmp_path: Path) 
             f'{{"fx": 50, "fy": 51, "cx": 31.5, "cy": 23.5, "k1": {lens}, "model": "{model}"}}'
         )
         assert camera.read_intrinsics(path, width=64, height=48).distortion[0] == lens
+
+
+MATRIX = "[[50, 0, 32], [0, 51, 24], [0, 0, 1]]"
+
+
+@pytest.mark.parametrize(
+    "camera_fields",
+    [f'"{name}": {MATRIX}' for name in ("intrinsic_matrix", "camera_matrix", "K")]
+    + ['"fx": 50, "fy": 51, "cx": 32, "cy": 24'],
+)
+@pytest.mark.parametrize(
+    ("lens", "expected"),
+    [
+        *((f'"{name}": [0.1, 0, 0, 0.02]', (0.1, 0.0, 0.0, 0.02, 0.0))
+          for name in ("D", "dist_coeffs", "distortion", "distortion_coeffs")),
+        ('"k1": 0.1, "p2": 0.02', (0.1, 0.0, 0.0, 0.02, 0.0)),
+        ('"distortion": {"k1": 0.1, "k3": 0.5}', (0.1, 0.0, 0.0, 0.0, 0.5)),
+        ('"coeffs": [0.1, 0, 0, 0, 0], "model": "Brown Conrady"', (0.1, 0.0, 0.0, 0.0, 0.0)),
+        ('"distortion": null', (0.0,) * 5),
+        ('"distortion": "none", "D": []', (0.0,) * 5),
+    ],
+)  # fmt: skip
+def test_a_lens_is_known_by_all_its_names_beside_any_camera(
+    camera_fields: str, lens: str, expected: tuple[float, ...], tmp_path: Path
+) -> None:
+    path = tmp_path / "camera.json"
+    path.write_text(f"{{{camera_fields}, {lens}}}")
+    found = camera.read_intrinsics(path, width=64, height=48)
+    assert (found.fx, found.cy, found.distortion) == (50.0, 24.0, expected)
+
+
+@pytest.mark.parametrize(
+    "lens",
+    ['"k4": 0.1', '"coeffs": [0.1, 0, 0, 0, 0], "model": 2', '"k1": 0.1, "model": "division"'],
+)
+def test_a_lens_of_another_model_beside_a_matrix_is_refused(lens: str, tmp_path: Path) -> None:
+    path = tmp_path / "camera.json"
+    path.write_text(f'{{"intrinsic_matrix": {MATRIX}, {lens}}}')
+    with pytest.raises(FormatError, match=r"distortion|coeffs"):
+        camera.read_intrinsics(path, width=64, height=48)
 
 
 @pytest.mark.parametrize("model", ['"distortion.brown_conrady"', '"Brown Conrady"', "4"])
@@ -786,7 +826,7 @@ def test_the_fields_that_are_left_out_are_named(tmp_path: Path) -> None:
     path = tmp_path / "camera.json"
     known = '"fx": 50, "fy": 51, "cx": 31.5, "cy": 23.5, "k1": 0.1, "k4": 0'
     path.write_text(f'{{{known}, "a": 0, "b": 0, "c": 0, "d": 0}}')
-    with pytest.warns(UserWarning, match="left out: 'k4', 'a', 'b', 'c', 'd'$") as caught:
+    with pytest.warns(UserWarning, match="left out: 'a', 'b', 'c', 'd'$") as caught:
         found = camera.read_intrinsics(path, width=64, height=48)
     assert found.distortion == (0.1, 0.0, 0.0, 0.0, 0.0)
     assert [Path(warning.filename).name for warning in caught] == [Path(__file__).name]

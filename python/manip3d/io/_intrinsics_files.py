@@ -187,12 +187,21 @@ def _fields_of_mapping(fields: Any, path: Path) -> dict[str, Any]:
     inner = fields.get("intrinsic")  # PinholeCameraParameters of Open3D, or a matrix of OpenCV
     if isinstance(inner, Mapping) and "data" not in inner:
         fields = inner
-    plain = {str(name).lower().replace("_", ""): value for name, value in fields.items()}
+    plain = _plain_fields(fields)
     _refuse_wide_lenses(plain)
     camera = _camera_of_mapping(fields, plain, path)
     if any(camera.get("distortion", ())):
         _expect_brown(plain)
     return camera
+
+
+def _plain_name(name: object) -> str:
+    return str(name).lower().replace("_", "")
+
+
+def _plain_fields(fields: Mapping[Any, Any]) -> dict[str, Any]:
+    """Return fields under their names in lower case without underscores."""
+    return {_plain_name(name): value for name, value in fields.items()}
 
 
 def _camera_of_mapping(
@@ -202,7 +211,8 @@ def _camera_of_mapping(
     matrix = fields.get("intrinsic_matrix")
     if matrix is not None:
         size = {n: _whole(fields[n]) for n in ("width", "height") if n in fields}
-        return size | _pinhole_of_matrix(_square_of(_numbers_of(matrix), "an intrinsic_matrix"))
+        square = _square_of(_numbers_of(matrix), "an intrinsic_matrix")
+        return size | _pinhole_of_matrix(square) | {"distortion": _lens_of(plain)}
     if _matrix_of(plain) is not None:
         return _fields_of_calibration(plain, path)
     if (left := _left_of_pair(plain, path)) is not None:
@@ -218,8 +228,7 @@ def _fields_of_calibration(fields: Mapping[str, Any], path: Path) -> dict[str, A
 
     square = _square_of(_numbers_of(_matrix_of(fields)), "a camera_matrix")
     camera: dict[str, Any] = _pinhole_of_matrix(square)
-    lens = first("distortioncoefficients", "distcoeffs", "distcoefs", "dist", "d")
-    camera["distortion"] = _brown_of(_numbers_of([] if lens is None else lens))
+    camera["distortion"] = _lens_of(fields)
     rectified = first("projectionmatrix", "p")
     if rectified is not None and any(camera["distortion"]):
         _warn_of_rectified(camera, _numbers_of(rectified), path)
@@ -436,6 +445,39 @@ _LENS_FIELDS = {"camera_model", "distortion_model", "model", "is_fisheye"}
 """Fields that `_fields_of_mapping` has checked."""
 
 
+_LENSES = (
+    "distortioncoefficients", "distortioncoeffs", "distortion", "distcoeffs", "distcoefs", "dist",
+    "d",
+)  # fmt: skip
+"""Names of the list of a lens's coefficients, as `_plain_fields` spells them."""
+
+_COEFFICIENTS = (*_BROWN_NAMES, "k4", "k5", "k6")
+
+
+def _is_of_lens(name: str, value: Any) -> bool:
+    """Return whether a field has a lens; a number under the name of a list is something else."""
+    if name in _LENSES:
+        return not isinstance(value, int | float)
+    return name in _COEFFICIENTS or name == "coeffs"
+
+
+def _lens_of(fields: Mapping[str, Any]) -> tuple[float, ...]:
+    """Return Brown's coefficients among the fields of a camera, which `_plain_fields` spells."""
+    for name in _LENSES:
+        value = fields.get(name)
+        if not _is_of_lens(name, value):
+            continue
+        if isinstance(value, Mapping) and "data" not in value:
+            return _lens_of(_plain_fields(value))
+        if value is not None and not (isinstance(value, str) and is_brown(value)):
+            return _brown_of(_numbers_of(value))
+    if "coeffs" in fields:
+        return _lens_of_realsense(fields["coeffs"], fields.get("model"))
+    numbers = [_numbers_of(fields.get(name, 0.0)) for name in _COEFFICIENTS]
+    # Matrices of a stereo pair have names such as K1 and P1.
+    return _brown_of(np.array([each[0] if each.size == 1 else 0.0 for each in numbers]))
+
+
 def _lens_of_realsense(coefficients: Any, model: Any) -> tuple[float, ...]:
     """Return the coefficients of librealsense's lens if its model is that of `Intrinsics`.
 
@@ -453,20 +495,18 @@ def _lens_of_realsense(coefficients: Any, model: Any) -> tuple[float, ...]:
 
 def _renamed(fields: dict[str, Any]) -> dict[str, Any]:
     """Return the fields of a camera under the names of `Intrinsics`; others cause a warning."""
-    ours = {_OTHER_NAMES.get(name, name): value for name, value in fields.items()}
+    plain = _plain_fields(fields)
+    lenses = {name for name, value in fields.items() if _is_of_lens(_plain_name(name), value)}
+    ours = {_OTHER_NAMES.get(n, n): value for n, value in fields.items() if n not in lenses}
+    if lenses:
+        ours["distortion"] = _lens_of(plain)
     if "fl_x" in fields or "fl_y" in fields:  # integers are the corners of pixels, as in COLMAP
         ours |= {name: ours[name] - 0.5 for name in ("cx", "cy") if name in ours}
-    if "distortion" not in ours and any(name in ours for name in _BROWN_NAMES):
-        ours["distortion"] = [ours.pop(name, 0.0) for name in _BROWN_NAMES]
-    if "distortion" not in ours and "coeffs" in ours:
-        ours["distortion"] = _lens_of_realsense(ours.pop("coeffs"), ours.pop("model", None))
     if absent := [name for name in ("fx", "fy", "cx", "cy") if name not in ours]:
         raise ValueError(f"no {' and no '.join(absent)}")
     ours |= {name: _whole(ours[name]) for name in ("width", "height") if name in ours}
     known = {name for name in Intrinsics.__dataclass_fields__ if name != "rays"}
     if others := [name for name in ours if name not in known | _LENS_FIELDS]:
-        if any(np.any(ours[name]) for name in others if name in ("coeffs", "k4", "k5", "k6")):
-            raise ValueError("a distortion of more than k1, k2, p1, p2 and k3")
         listed = ", ".join(repr(name[:40]) for name in others[:5]) + (
             ", ..." if len(others) > 5 else ""
         )
