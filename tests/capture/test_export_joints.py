@@ -20,8 +20,9 @@ from capsule_body import pose
 from command_line import manip3d
 from manip3d import InputError, Skeleton, capture
 from manip3d.capture._joints import _Vertical
+from manip3d.io._joint_files import read_joint_file
 from manip3d.modify import DownSource
-from manip3d.rgbd import JOINTS, PARENTS, RgbdFrame
+from manip3d.rgbd import JOINTS, NOT_TRACKED, PARENTS, RgbdFrame
 
 
 def test_a_motion_puts_joints_where_they_were(tmp_path: Path) -> None:
@@ -84,6 +85,17 @@ def test_a_table_has_all_that_was_seen(tmp_path: Path) -> None:
     assert (last["id"], last["name"], last["state"]) == ("7", JOINTS[24], "2")
     np.testing.assert_allclose([float(last[c]) for c in "xyz"], visitor.positions[24], atol=1e-6)
     assert last["time_ns"] == str(frames[1].time_ns)
+
+
+def test_a_table_of_frames_without_numbers_and_of_joints_without_places_is_read_back(
+    tmp_path: Path,
+) -> None:
+    frames = [replace(frame, number=0) for frame in with_joint(waving()[:3], 7, np.nan, 2)]
+    done = capture.export_joints(frames, tmp_path / "wave.csv")
+    found = read_joint_file(done.path)
+    assert sorted(found.frames) == [0, 1, 2]
+    assert [people[0].trust[7] for people in found.frames.values()] == [NOT_TRACKED] * 3
+    assert found.times_ns == {place: frame.time_ns for place, frame in enumerate(frames)}
 
 
 def test_what_cannot_be_exported_is_refused(tmp_path: Path) -> None:

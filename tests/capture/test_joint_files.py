@@ -123,7 +123,7 @@ def test_ntu_s_joints_are_those_of_the_kinect(tmp_path: Path) -> None:
     people[1] = [replace(people[1][0], states=states)]
     people[2] = []
     file = tmp_path / "S001C001P001R001A001.skeleton"
-    file.write_text(ntu(people))
+    file.write_text("\ufeff" + ntu(people))
     found = joined(tmp_path / "walk", file)
     assert [len(frame.skeletons) for frame in found] == [1, 1, 0, 1]
     for one, frame, seen in zip(found, frames, people, strict=True):
@@ -197,6 +197,7 @@ def test_the_files_of_openpose_are_in_the_order_of_their_numbers(tmp_path: Path)
     folder = openpose(tmp_path / "joints", people)
     for number, file in enumerate(sorted(folder.iterdir())):
         file.rename(folder / f"walk_{8 + number}_keypoints.json")
+    (folder / "._walk_8_keypoints.json").write_bytes(b"\0\5\x16\7")  # macOS writes it
     found = joined(tmp_path / "walk", folder)
     heads = [float(frame.skeletons[0].positions[3, 0]) for frame in found]
     assert heads == sorted(heads)
@@ -757,6 +758,16 @@ def changed(old: str, new: str) -> str:
         ("a.csv", HEADER + "0,0,0,2,x,,0,0,1\n", "line 2: expected a number as x, got ''"),
         ("a.csv", HEADER + "0,0,0,2,x,0,0,inf,2\n", "line 2: expected x, y, z within 1000 m"),
         ("a.csv", HEADER + "0,0,0,2,x,0,0,0,2\n" * 2, "line 3: expected joint 2 of frame 0 once"),
+        (
+            "a.csv",
+            HEADER + "0,1.7E+18,0,2,x,0,0,0,2\n",
+            "line 2: expected whole nanoseconds as time_ns, got '1.7E+18'",
+        ),
+        (
+            "a.csv",
+            HEADER + "0,5,0,2,x,0,0,0,2\n0,6,0,3,x,0,0,0,2\n",
+            "line 3: expected the time_ns 5 of frame 0, got 6",
+        ),
         ("a.json", "{", "expected JSON"),
         ("a.json", "[" * 100_000, "expected JSON"),
         ("a.json", "{}", "the file: expected frames, a list"),

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from manip3d import FormatError, InputError, LidarFrame, authenticate, capture
+from manip3d._util.linear import product
 from manip3d._util.times import parse_time
 from manip3d.authenticate._watermark_files import copy_rest_of_drive
 from manip3d.datasets import KittiDrive, open_kitti
@@ -181,6 +182,37 @@ def test_odometry_and_stereo_2015(tmp_path: Path) -> None:
     assert elsewhere[0].calibration().projections.keys() == {0}
 
 
+@pytest.mark.parametrize(
+    ("rectification", "transform", "is_turned"),
+    [
+        ("R0_rect: {}", "Tr_velo_to_cam: {}", True),
+        ("R_rect {}", "Tr_velo_cam {}", True),  # the tracking benchmark
+        ("R0_rect: {}", "Tr: {}", False),  # Tr includes the rectification
+    ],
+)
+def test_the_rectification_belongs_to_a_transform_that_does_not_include_it(
+    rectification: str, transform: str, is_turned: bool, tmp_path: Path
+) -> None:
+    half_turn, place = np.diag([-1.0, -1.0, 1.0]), tmp_path / "000007.txt"
+    texts = (
+        line("", matrix).lstrip(": ") for matrix in (half_turn, np.column_stack([AXES, [1, 2, 3]]))
+    )
+    place.write_text("".join(map(str.format, (rectification, transform), texts)))
+    write_object(tmp_path / "object")
+    found = open_kitti(tmp_path / "object", calibration=place)[0].calibration().T_rect_velo
+    expected = product(half_turn if is_turned else np.eye(3), AXES)
+    assert found[:3, :3].tolist() == expected.tolist()
+
+
+def test_the_files_of_a_day_may_lie_in_the_folder_calib(tmp_path: Path) -> None:
+    day = write_raw(tmp_path / "raw").parent
+    folder = write_object(tmp_path / "object")
+    (folder / "calib" / "000007.txt").unlink()
+    for name in ("calib_cam_to_cam.txt", "calib_velo_to_cam.txt"):
+        (day / name).rename(folder / "calib" / name)
+    assert open_kitti(folder)[0].calibration().projections.keys() == {2, 3}
+
+
 @pytest.mark.parametrize("is_copied", [False, True])
 @pytest.mark.parametrize("per_frame", [False, True])
 def test_a_calibration_in_the_folder_precedes_that_of_the_day(
@@ -211,6 +243,10 @@ def test_a_calibration_in_the_folder_precedes_that_of_the_day(
         (lambda d: (d.parent / "calib_velo_to_cam.txt").write_text(""), FormatError,
          "R: expected 9 finite numbers, got no such line"),
         (lambda d: (d.parent / "calib_cam_to_cam.txt").unlink(), InputError, "no calibration"),
+        (lambda d: (d.parent / "calib_cam_to_cam.txt").write_text("R_rect_00: 1 0 0 0 1 0 0 0 1,"),
+         FormatError, "R_rect_00: expected 9 finite numbers, got [1.0, 0.0, 0.0, 0.0, 1.0"),
+        (lambda d: (d.parent / "calib_cam_to_cam.txt").write_text("P_rect_02: 1 0 no\n"),
+         FormatError, "P_rect_02: expected 12 finite numbers, got 3 numbers"),
         (lambda d: (d.parent / "calib_velo_to_cam.txt").write_text("R: 1 0 0 0 1 0 0 0 0\nT: 0 0"),
          FormatError, "R: expected a rotation, got a matrix 1 off an orthogonal one"),
     ],

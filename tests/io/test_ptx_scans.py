@@ -35,6 +35,13 @@ def test_a_scan_with_its_grid_and_its_pose(tmp_path: Path) -> None:
     assert (pose @ [1.0, 0.0, 0.0, 1.0]).tolist() == [10.0, 21.0, 2.0, 1.0]
 
 
+def test_a_byte_order_mark_begins_a_file(tmp_path: Path) -> None:
+    plain, marked = (io.read_scan(written(tmp_path, m + HEAD + POINTS)) for m in ("", "\ufeff"))
+    assert marked.points.tolist() == plain.points.tolist()
+    with pytest.raises(FormatError, match="line 2: expected the number of columns or rows"):
+        io.read_scan(written(tmp_path, (HEAD + POINTS).replace("\n", "\n\ufeff", 1)))
+
+
 def test_points_of_a_map_have_no_known_scanner(tmp_path: Path) -> None:
     """Some programs write points that are moved already, with a matrix that does nothing."""
     matrix = "0 1 0 0\n-1 0 0 0\n0 0 1 0\n10 20 2 1"

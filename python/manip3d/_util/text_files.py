@@ -164,9 +164,11 @@ def parse_yaml(path: Path, *, extra: str) -> Any:
 def text_of(path: Path) -> str:
     """Return the text of a file of at most 16 MiB; bytes that are not UTF-8 stay as surrogates.
 
+    A byte order mark at the beginning is no part of it.
+
     Raises
     ------
     FormatError
         The file is larger, or no regular file.
     """
-    return limited_bytes(path, MAX_BYTES).decode("utf-8", "surrogateescape")
+    return limited_bytes(path, MAX_BYTES).decode("utf-8-sig", "surrogateescape")

@@ -112,20 +112,21 @@ def export_joints(
 
     A table has a row for each joint, in the camera's frame and in metres: ``frame``, ``time_ns``,
     ``id``, ``joint``, ``name``, ``x``, ``y``, ``z``, ``state`` (0 not tracked, 1 inferred, 2
-    tracked). A motion has one person, y up, in centimetres. If one of the first 30 frames with a
-    person shows a floor, up is away from it for a camera that is tilted by a degree or more;
-    otherwise the camera is taken as level. A motion is thus level: as poses for a tilted camera
-    (``forge stream --pose``), give the recording itself. Bones have their median lengths, and each
-    joint is rotated so that its child bones point in the measured directions. Where several bones
-    share a joint (spine and hips; neck and shoulders), they turn together: the angles between them
-    are the mean of the recording, and their directions fit the measured ones by least squares.
-    Between the first and the last frame with the person, frames without the person repeat the pose
-    before; so do frames that are inserted where the times show that some were dropped. The frames
-    of a motion are evenly spaced, at the highest rate that the recording had for 30 frames. Each
-    pose is in the frame nearest to its time, or in the next one if that has a pose already; it is
-    left out (``ExportedJoints.left_out``) if it would be more than three quarters of a frame late.
-    If most steps of the recording are shorter than a millisecond, as where its times have another
-    unit, no pose is left out.
+    tracked). Joints that are no finite numbers were not tracked, and frames that all have the
+    number 0 are numbered by their places. A motion has one person, y up, in centimetres. If one of
+    the first 30 frames with a person shows a floor, up is away from it for a camera that is tilted
+    by a degree or more; otherwise the camera is taken as level. A motion is thus level: as poses
+    for a tilted camera (``forge stream --pose``), give the recording itself. Bones have their
+    median lengths, and each joint is rotated so that its child bones point in the measured
+    directions. Where several bones share a joint (spine and hips; neck and shoulders), they turn
+    together: the angles between them are the mean of the recording, and their directions fit the
+    measured ones by least squares. Between the first and the last frame with the person, frames
+    without the person repeat the pose before; so do frames that are inserted where the times show
+    that some were dropped. The frames of a motion are evenly spaced, at the highest rate that the
+    recording had for 30 frames. Each pose is in the frame nearest to its time, or in the next one
+    if that has a pose already; it is left out (``ExportedJoints.left_out``) if it would be more
+    than three quarters of a frame late. If most steps of the recording are shorter than a
+    millisecond, as where its times have another unit, no pose is left out.
 
     Parameters
     ----------
@@ -193,8 +194,8 @@ def export_joints(
         stream = _counting_ids(stream, ids)
         if suffix == ".csv":
             found = [
-                _Sighting.of(frame, skeleton)
-                for frame in stream
+                replace(_Sighting.of(frame, skeleton), number=number)
+                for number, frame in _with_numbers(stream)
                 for skeleton in frame.skeletons
                 if person is None or skeleton.id == person
             ]
@@ -234,6 +235,14 @@ def _read(stream: Iterable[RgbdFrame], frames: int | None) -> Iterator[RgbdFrame
         if not isinstance(frame, RgbdFrame):
             raise InputError(f"source: expected frames of an RGB-D camera, got {frame!r:.80}")
         yield frame
+
+
+def _with_numbers(stream: Iterable[RgbdFrame]) -> Iterator[tuple[int, RgbdFrame]]:
+    """Yield each frame after its number, or after its place as long as all have the number 0."""
+    are_numbered = False
+    for place, frame in enumerate(stream):
+        are_numbered = are_numbered or frame.number != 0
+        yield frame.number if are_numbered else place, frame
 
 
 def _counting_ids(stream: Iterable[RgbdFrame], ids: Counter[int]) -> Iterator[RgbdFrame]:
@@ -374,7 +383,7 @@ def _table(found: Sequence[_Sighting]) -> str:
         seen = one.skeleton
         for joint, (name, place) in enumerate(zip(JOINTS, seen.positions, strict=True)):
             x, y, z = (f"{value:.6f}" for value in place)
-            state = seen.states[joint]
+            state = seen.states[joint] if np.isfinite(place).all() else NOT_TRACKED
             lines.append(f"{one.number},{one.time_ns},{seen.id},{joint},{name},{x},{y},{z},{state}")
     return "\n".join(lines) + "\n"
 

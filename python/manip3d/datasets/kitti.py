@@ -42,6 +42,9 @@ __all__ = ["KittiCalibration", "KittiDrive", "KittiFrame", "open_kitti"]
 _IMAGE_SUFFIXES = (".png", ".jpg")
 _DAY_FILES = ("calib_cam_to_cam.txt", "calib_velo_to_cam.txt")
 """Files with the calibration of a day, of its cameras and of the LiDAR."""
+_SINGLE_FILE = (("R0_rect", "Tr_velo_to_cam"), ("R_rect", "Tr_velo_cam"), ("", "Tr"))
+"""Names of the rectification and of the transform from the LiDAR in a calibration of one file: of
+the object, the tracking and the odometry benchmark, whose transform includes the rectification."""
 _OXTS_COLUMNS = (8, 9, 22)  # vf, vl and wu in KITTI's dataformat.txt
 
 
@@ -479,12 +482,13 @@ def read_calibration(path: Path) -> KittiCalibration:
     else:
         cameras, file = _matrices(path), path
         projections = {c: f"P{c}" for c in range(4)}
-        rotation = "R0_rect"
-        rigid_name = "Tr" if "Tr" in cameras else "Tr_velo_to_cam"
+        rotation, rigid_name = next(
+            (names for names in _SINGLE_FILE if names[1] in cameras), _SINGLE_FILE[0]
+        )
         velo = _shaped(cameras, rigid_name, (3, 4), path)
         _check_rotation(velo[:, :3], rigid_name, path)
     rectify = np.eye(4)
-    if rotation in cameras:  # Tr in odometry's calib.txt includes the rectification
+    if rotation in cameras:
         rectify[:3, :3] = _rotation(cameras, rotation, file)
     rigid_velo = np.vstack([velo, [0.0, 0.0, 0.0, 1.0]])
     return KittiCalibration(
@@ -610,15 +614,22 @@ def _finite(text: str) -> float:
 
 
 def _matrices(path: Path) -> dict[str, NDArray[np.float64]]:
-    """Return the lines ``name: numbers`` of a calibration file; others (dates) are ignored."""
+    """Return the lines ``name: numbers`` of a calibration file, NaN for a word that is no number.
+
+    The tracking benchmark leaves out the colon of some lines.
+    """
     found = {}
     for line in text_of(path).splitlines():
-        name, _, values = line.partition(":")
-        try:
-            found[name.strip()] = np.array([float(word) for word in values.split()])
-        except ValueError:
-            continue
+        name, *words = line.replace(":", " ", 1).split() or [""]
+        found[name] = np.array([_number(word) for word in words])
     return found
+
+
+def _number(word: str) -> float:
+    try:
+        return float(word)
+    except ValueError:
+        return math.nan
 
 
 def _shaped(
@@ -626,7 +637,13 @@ def _shaped(
 ) -> NDArray[np.float64]:
     values = matrices.get(name)
     if values is None or values.size != np.prod(shape) or not np.isfinite(values).all():
-        got = "no such line" if values is None else f"{values.size} numbers"
+        got = (
+            "no such line"
+            if values is None
+            else f"{values.size} numbers"
+            if values.size != np.prod(shape)
+            else f"{values.tolist()}"
+        )
         raise FormatError(
             f"{name}: expected {np.prod(shape)} finite numbers, got {got}", file=str(file)
         )
@@ -656,14 +673,14 @@ def _check_rotation(matrix: NDArray[np.float64], name: str, file: Path) -> None:
 
 def _find_calibration(path: Path, given: Path | None) -> tuple[Path | None, bool]:
     if given is not None:
-        return given, given.is_dir() and not (given / "calib_cam_to_cam.txt").is_file()
+        return given, given.is_dir() and not (given / _DAY_FILES[0]).is_file()
     # Files in the folder of the scans are theirs; the parent may be the day of other drives.
     if (path / "calib_cam_to_cam.txt").is_file():
         return path, False
     if (path / "calib.txt").is_file():
         return path / "calib.txt", False
     if (path / "calib").is_dir():
-        return path / "calib", True
+        return _find_calibration(path, path / "calib")
     if (path.resolve().parent / "calib_cam_to_cam.txt").is_file():
         return path.resolve().parent, False
     return None, False

@@ -12,9 +12,6 @@ from manip3d._util.times import nanoseconds, parse_time
 from manip3d.errors import FormatError
 from manip3d.io._scan_tables import scan_stem
 
-_BYTE_ORDER_MARK = "\ufeff"
-"""Editors of Windows write it at the beginning of text files."""
-
 
 def frame_times(file: Path, *, strict: bool = False) -> dict[int, int | None]:
     """Return the time in nanoseconds of each frame number; empty if the file does not exist.
@@ -38,7 +35,7 @@ def frame_times(file: Path, *, strict: bool = False) -> dict[int, int | None]:
     parse = parse_time if file.name == "timestamps.txt" else _seconds
     times: dict[int, int | None] = {}
     errors = []
-    for number, line in enumerate(text_of(file).removeprefix(_BYTE_ORDER_MARK).splitlines()):
+    for number, line in enumerate(text_of(file).splitlines()):
         if not line.strip():
             continue
         try:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import json
 import math
 import os
@@ -16,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from manip3d._util.csv_tables import csv_rows
+from manip3d._util.paths import is_hidden
 from manip3d._util.texts import float_or_nan
 from manip3d.errors import FormatError
 from manip3d.io._files import limited_bytes
@@ -176,7 +178,7 @@ class _Lines:
 
     def __init__(self, path: Path) -> None:
         self._file = str(path)
-        self._lines = limited_bytes(path, _MAX_BYTES).splitlines()
+        self._lines = limited_bytes(path, _MAX_BYTES).removeprefix(codecs.BOM_UTF8).splitlines()
         self._at = 0
 
     def fail(self, reason: str) -> FormatError:
@@ -267,11 +269,9 @@ def _table(path: Path) -> JointFile:
     for line, row in rows:
         try:
             frame = _add_joint(people, [row[i] if i < len(row) else "" for i in at])
+            _add_time(times, frame, row[time_at] if time_at < len(row) else "")
         except ValueError as error:
             raise FormatError(str(error), file=str(path), line=line) from None
-        time = _whole(row[time_at]) if time_at < len(row) else None
-        if time is not None:
-            times.setdefault(frame, time)
     frames: dict[int, tuple[SeenPerson, ...]] = {}
     for (number, identity), (places, states) in people.items():
         seen = SeenPerson(places, np.nan_to_num(states), identity)
@@ -297,6 +297,15 @@ def _add_joint(people: dict[tuple[int, int], tuple[Floats, Floats]], row: list[s
         raise ValueError(f"expected joint {joint} of frame {frame} once, got it again")
     places[joint], states[joint] = place, state
     return frame
+
+
+def _add_time(times: dict[int, int], frame: int, text: str) -> None:
+    """Add the time of a row, which may be empty; raises ValueError with what is wrong."""
+    time = _whole(text)
+    if time is None and text.strip():
+        raise ValueError(f"expected whole nanoseconds as {_TIME}, got {text!r:.40}")
+    if time is not None and times.setdefault(frame, time) != time:
+        raise ValueError(f"expected the {_TIME} {times[frame]} of frame {frame}, got {time}")
 
 
 def _check_place(place: list[float], texts: list[str]) -> None:
@@ -360,7 +369,7 @@ def _in_pixels(rows: Floats, person: Any) -> tuple[Floats, Floats, int | None]:
 
 def _openpose(folder: Path) -> JointFile:
     names = sorted(
-        islice((n for n in os.listdir(folder) if n.endswith(_OPENPOSE_ENDING)), _MAX_FRAMES + 1),
+        islice(filter(_is_openpose, os.listdir(folder)), _MAX_FRAMES + 1),
         key=_by_numbers,
     )
     if not 1 <= len(names) <= _MAX_FRAMES:
@@ -375,6 +384,10 @@ def _openpose(folder: Path) -> JointFile:
         frames[index] = _openpose_people(people, str(file))
     _check_pixels(frames, str(folder))
     return JointFile("openpose", "pixels", frames, "index", len(names))
+
+
+def _is_openpose(name: str) -> bool:
+    return name.endswith(_OPENPOSE_ENDING) and not is_hidden(name)
 
 
 def _by_numbers(name: str) -> tuple[list[tuple[int, str]], str]:

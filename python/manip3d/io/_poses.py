@@ -35,7 +35,7 @@ _UNIT_TOLERANCE = 1e-3  # largest error of a quaternion's length and of R R^T
 def poses_by_file(path: Path) -> dict[str, NDArray[np.float64]]:
     """Read the poses of a Stanford ``.conf`` file; see `manip3d.datasets.read_poses`."""
     poses = {}
-    for number, line in enumerate(_text(path).splitlines(), start=1):
+    for number, line in enumerate(text_of(path).splitlines(), start=1):
         kind, *fields = line.split() or [""]
         if kind != "bmesh":
             continue
@@ -46,11 +46,6 @@ def poses_by_file(path: Path) -> dict[str, NDArray[np.float64]]:
             text = "expected 'bmesh FILE' and seven numbers, a quaternion among them"
             raise FormatError(text, file=str(path), line=number) from error
     return poses
-
-
-def _text(place: Path) -> str:
-    """Return a file's text without the byte order mark that editors of Windows write."""
-    return text_of(place).removeprefix("\ufeff")
 
 
 def rigid(values: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -159,7 +154,7 @@ def poses_of_transforms(place: Path) -> tuple[list[str], list[NDArray[np.float64
     divided by the file's ``applied_scale``, by which nerfstudio multiplies it, but no depths.
     """
     try:
-        fields = json.loads(_text(place))
+        fields = json.loads(text_of(place))
     except (ValueError, RecursionError):  # among them numbers with too many digits
         raise FormatError("expected JSON", file=str(place)) from None
     frames = fields.get("frames") if isinstance(fields, dict) else None
@@ -286,7 +281,7 @@ def _numbers_of_lines(place: Path) -> list[tuple[int, NDArray[np.float64]]]:
 
 
 def _filled_lines(place: Path) -> list[tuple[int, str]]:
-    lines = enumerate(map(str.strip, _text(place).splitlines()), start=1)
+    lines = enumerate(map(str.strip, text_of(place).splitlines()), start=1)
     return [(number, line) for number, line in lines if line]
 
 
@@ -313,7 +308,7 @@ def _numbers(fields: Sequence[str], place: Path, line: int) -> NDArray[np.float6
 
 def _is_lost(place: Path) -> bool:
     try:
-        numbers = [[float(word) for word in line.split()] for line in _text(place).splitlines()]
+        numbers = [[float(word) for word in line.split()] for line in text_of(place).splitlines()]
     except ValueError:
         return False
     return [len(row) for row in numbers if row] == [4, 4, 4, 4]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import itertools
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -78,7 +79,8 @@ class _Lines:
 
     def _take(self) -> bytes | None:
         line, self._next = self._next, None
-        return next(self._file, None) if line is None else line
+        line = next(self._file, None) if line is None else line
+        return line if self.number or line is None else line.removeprefix(codecs.BOM_UTF8)
 
     def numbers(self, count: int) -> Doubles:
         """Read a line of ``count`` finite numbers."""
