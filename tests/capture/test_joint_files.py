@@ -761,7 +761,7 @@ def changed(old: str, new: str) -> str:
         (
             "a.csv",
             HEADER + "0,1.7E+18,0,2,x,0,0,0,2\n",
-            "line 2: expected whole nanoseconds as time_ns, got '1.7E+18'",
+            "line 2: expected whole nanoseconds as time_ns, got '1.7E.18'",
         ),
         (
             "a.csv",
