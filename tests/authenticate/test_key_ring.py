@@ -180,6 +180,7 @@ def test_a_record_of_no_key_of_the_ring_is_undecidable(keys: list[KeyFile]) -> N
 
 def test_folders_of_keys(keys: list[KeyFile], tmp_path: Path) -> None:
     (tmp_path / "notes.txt").write_text("no key")
+    (tmp_path / "._a.key").write_bytes(b"\0\5\x16\7")  # macOS writes it
     with KeyRing.open([tmp_path]) as ring:
         assert [key.key_id for key in ring.keys] == [key.key_id for key in keys[::-1]]
         assert ring.newest.key_id[:8] in repr(ring)

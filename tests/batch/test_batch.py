@@ -628,6 +628,21 @@ def test_hidden_files_of_a_folder_are_left_out(texts: Path) -> None:
     assert [drive.relative for drive in batch.find_drives(texts)] == ["drive"]
 
 
+def test_hidden_files_match_no_pattern_behind_a_url_either(memory: str) -> None:
+    store = pytest.importorskip("fsspec").filesystem("memory")
+    for name in ("a.txt", "._a.txt", ".git/b.txt"):
+        store.pipe(f"/store/{name}", b"text")
+    for pattern, expected in (
+        ("*.txt", ["a.txt"]),
+        ("**/*.txt", ["a.txt"]),
+        (".*.txt", ["._a.txt"]),
+        (".git/*", ["b.txt"]),
+        ("._a.txt", ["._a.txt"]),
+    ):
+        found = batch.find_files(f"{memory}/{pattern}")
+        assert [file.relative for file in found] == expected, pattern
+
+
 def test_what_is_no_address_of_a_scheduler_is_refused(texts: Path, tmp_path: Path) -> None:
     pytest.importorskip("distributed", reason="the extra 'dask' is not installed")
     with pytest.raises(InputError, match=r"dask: expected local or the address .* got 'somewhere'"):

@@ -918,6 +918,7 @@ def test_pictures_beside_depth_that_are_left_out_are_told(tmp_path: Path) -> Non
     images(tmp_path, "confidence", 1, DEPTH)
     (tmp_path / "absent").mkdir()
     (tmp_path / "absent" / "0.png").symlink_to(tmp_path / "nowhere.png")
+    (tmp_path / "absent" / "._0.jpg").write_bytes(b"\0\5\x16\7")  # macOS writes it
     assert opened(tmp_path, camera=CAMERA).read() is not None
     for name, suffix in (("left", "jpg"), ("frames", "png")):
         images(tmp_path, name, 1, COLOR, suffix)

@@ -61,6 +61,7 @@ def add_images(path: Path, names: list[str]) -> None:
 def test_images_are_in_the_order_of_their_numbers(tmp_path: Path) -> None:
     path = folder(tmp_path / "a", "500 4 2 180 -180 0 1", np.ones((2, 4)))
     add_images(path, ["10.png", "2.png"])
+    (path / "data" / "._2.png").write_bytes(b"\0\5\x16\7")  # macOS writes it
     images = open_range_images(path).images
     assert [image.name for image in images] == ["0000000000.png", "2.png", "10.png"]
 

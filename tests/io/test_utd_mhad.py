@@ -36,6 +36,7 @@ def test_files_and_folders_of_one_trial_are_recordings(tmp_path: Path) -> None:
     path = write_trial(tmp_path / "one")
     address = f"utd-mhad:{path}"
     assert capture.rgbd_address(str(path)) == address
+    path.with_name(f"._{path.name}").write_bytes(b"\0\5\x16\7")  # macOS writes it
     assert capture.rgbd_address(str(path.parent)) == address
     assert capture.rgbd_address(address) == address
     pictures = write_pictures(tmp_path / "pictures")

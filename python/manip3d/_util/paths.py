@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Callable, Collection, Iterable
+from collections.abc import Callable, Collection, Iterable, Iterator
 from pathlib import Path
 
 from manip3d._util.texts import has_control_characters
@@ -77,6 +77,11 @@ def is_hidden(name: str) -> bool:
     on foreign file systems; editors and version control have theirs.
     """
     return name.startswith(".")
+
+
+def visible(paths: Iterable[Path]) -> Iterator[Path]:
+    """Yield the paths whose names are not hidden."""
+    return (path for path in paths if not is_hidden(path.name))
 
 
 _DECIMAL = re.compile(r"(?:^|/)[0-9]+\.([0-9]+)\.[^./0-9][^/]*$")

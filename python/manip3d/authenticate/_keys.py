@@ -11,7 +11,7 @@ from pathlib import Path
 from manip3d import _core
 from manip3d._util.checked import checked
 from manip3d._util.closing import Closing
-from manip3d._util.paths import path_of
+from manip3d._util.paths import path_of, visible
 from manip3d.errors import InputError
 
 
@@ -216,7 +216,7 @@ def _key_files(path: Path) -> list[Path]:
     """The given key file, or the key files of the given folder."""
     if not path.is_dir():
         return [path]
-    found = sorted(path.glob("*.key"))
+    found = sorted(visible(path.glob("*.key")))
     if not found:
         raise InputError(f"{path}: expected a folder with files that end in .key, found none")
     return found

@@ -15,7 +15,7 @@ import numpy as np
 from manip3d._util.checked import checked
 from manip3d._util.locks import new_folder_locked
 from manip3d._util.options import reporting
-from manip3d._util.paths import in_order, path_of, refuse_existing
+from manip3d._util.paths import in_order, path_of, refuse_existing, visible
 from manip3d.authenticate._picture_files import picture_path, read_carrier
 from manip3d.authenticate._picture_records import record_of_picture
 from manip3d.authenticate._verdict import verdict_repr
@@ -524,7 +524,9 @@ def _refuse_unsigned(target: Path, works: Sequence[_Work], num_done: int, units_
 
 def _carrier_folders(drive: Path) -> list[Path]:
     """Folders of a drive whose first picture carries a record."""
-    firsts = {picture.parent: picture for picture in sorted(drive.rglob("*.png"), reverse=True)}
+    firsts = {
+        picture.parent: picture for picture in sorted(visible(drive.rglob("*.png")), reverse=True)
+    }
     return [folder for folder, first in firsts.items() if _carries_record(first)]
 
 

@@ -323,10 +323,11 @@ def _local(source: str, suffixes: Sequence[str] | None) -> Iterator[SourceFile]:
 
 def _remote(source: str, suffixes: Sequence[str] | None) -> Iterator[SourceFile]:
     system, path = filesystem(source)
-    in_folder = False
+    in_folder = takes_hidden = False
     with naming_remote(source):
         if _MAGIC.search(path):
             infos, root = system.glob(path, detail=True), _fixed_part(path)
+            takes_hidden = any(map(is_hidden, PurePosixPath(path.removeprefix(root)).parts))
         elif source.endswith("/") or system.isdir(path):
             infos, root, in_folder = system.find(path, detail=True), path, True
         else:
@@ -335,9 +336,8 @@ def _remote(source: str, suffixes: Sequence[str] | None) -> Iterator[SourceFile]
         str(name): info
         for name, info in infos.items()
         if info.get("type") == "file"
-        and (
-            not in_folder or (_is_wanted(str(name), suffixes) and not _is_below_hidden(name, root))
-        )
+        and (not in_folder or _is_wanted(str(name), suffixes))
+        and (takes_hidden or name == path or not _is_below_hidden(name, root))
     }
     _refuse_none(files, source, suffixes)
     for name, info in files.items():

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from manip3d._util.paths import is_hidden
+from manip3d._util.paths import is_hidden, visible
 from manip3d._util.regular_files import open_regular
 from manip3d.errors import Error
 
@@ -45,7 +45,8 @@ def pictures_left_out(folder: Path) -> str:
 def _has_colors(folder: Path) -> bool:
     """Whether the first picture of a folder has colours; what cannot be read has none."""
     try:
-        first = next((each for each in folder.iterdir() if each.suffix.lower() in _PICTURES), None)
+        pictures = (each for each in folder.iterdir() if each.suffix.lower() in _PICTURES)
+        first = next(visible(pictures), None)
         if first is None or first.suffix.lower() != ".png":
             return first is not None
         with open_regular(first) as file:

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, overload
 import numpy as np
 
 from manip3d._util.checked import checked
-from manip3d._util.paths import in_order, path_of
+from manip3d._util.paths import in_order, path_of, visible
 from manip3d._util.reprs import short_repr
 from manip3d._util.text_files import text_of
 from manip3d._util.texts import counted
@@ -153,7 +153,7 @@ class RangeImageFolder(Sequence[LidarFrame]):
     def __init__(self, path: Path) -> None:
         self.path = path
         self.layout = read_layout(path / "velodyne_config.txt")
-        self.images = tuple(in_order((path / "data").glob("*.png")))
+        self.images = tuple(in_order(visible((path / "data").glob("*.png"))))
         times = path / "timestamps.txt"
         lines = text_of(times).splitlines() if times.is_file() else None
         while lines and len(lines) > len(self.images) and not lines[-1].strip():

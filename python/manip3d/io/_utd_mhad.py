@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from manip3d._util.csv_tables import csv_rows
+from manip3d._util.paths import visible
 from manip3d.errors import FormatError
 from manip3d.io._files import limited_bytes
 
@@ -58,7 +59,7 @@ def trial_at(place: str | os.PathLike[str]) -> Path | None:
         return path
     if (path / _TABLE).is_file() and (path / "depth_0000.png").is_file():
         return path
-    found = list(islice(path.glob(f"*{DEPTH_ENDING}"), 2)) if path.is_dir() else []
+    found = list(islice(visible(path.glob(f"*{DEPTH_ENDING}")), 2)) if path.is_dir() else []
     return found[0] if len(found) == 1 else None
 
 
