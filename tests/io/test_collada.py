@@ -145,6 +145,26 @@ def test_nodes_place_geometries_and_mirrors_keep_their_outside() -> None:
     assert volume(mesh) == pytest.approx(3.0)
 
 
+@pytest.mark.parametrize(
+    ("transform", "corner"),
+    [
+        # The node's -z axis points along x, its y axis up, so that its x axis points along -y.
+        ("<lookat>5 6 7 9 6 7 0 0 1</lookat>", (2.0, 5.0, 10.0)),
+        ("<lookat>5 6 7 5 6 7 0 0 1</lookat>", (6.0, 9.0, 10.0)),  # looks nowhere
+        ("<lookat>5 6 7 5 6 1 0 0 1</lookat>", (6.0, 9.0, 10.0)),  # looks down, and up is up
+        ("<skew>45 0 2 0 3 0 0</skew>", (4.0, 3.0, 3.0)),  # along x by y
+        ("<skew>45 0 0 0 3 0 0</skew>", (1.0, 3.0, 3.0)),
+    ],
+)
+def test_nodes_may_look_at_a_place_or_be_skewed(
+    transform: str, corner: tuple[float, float, float]
+) -> None:
+    box = geometry(polylist(QUADS), vertices=np.array(CUBE) * (1, 3, 3))
+    mesh = read(document(box, f'<node>{transform}<instance_geometry url="#cube"/></node>'))
+    np.testing.assert_allclose(mesh.vertices[-1], corner, atol=1e-12)
+    assert volume(mesh) == pytest.approx(9.0)
+
+
 @pytest.mark.parametrize("sign", [1, -1])
 def test_normals_of_nodes_point_to_the_outside_of_their_faces(sign: int) -> None:
     """The node makes x three times as long, and mirrors it in the second case."""

@@ -344,11 +344,37 @@ def _rotate(element: Element) -> NDArray[np.float64]:
     return matrix
 
 
+def _lookat(element: Element) -> NDArray[np.float64]:
+    """Return the place of a node that looks along its -z axis; not turned if it looks nowhere."""
+    eye, target, up = _values(element, 9).reshape(3, 3)
+    matrix = np.eye(4)
+    matrix[3, :3] = eye
+    back, right = eye - target, np.cross(up, eye - target)
+    lengths = float(np.linalg.norm(back, axis=-1)), float(np.linalg.norm(right, axis=-1))
+    if min(lengths) > 0.0 and max(lengths) < np.inf:
+        back, right = back / lengths[0], right / lengths[1]
+        matrix[:3, :3] = right, np.cross(back, right), back
+    return matrix
+
+
+def _skew(element: Element) -> NDArray[np.float64]:
+    """Return RenderMan's skew, a shift along one axis by the tangent of the place on another."""
+    degrees, *axes = _values(element, 7)
+    along, shifted = np.reshape(axes, (2, 3))
+    lengths = float(np.linalg.norm(along, axis=-1)) * float(np.linalg.norm(shifted, axis=-1))
+    matrix = np.eye(4)
+    if 0.0 < lengths < np.inf:
+        matrix[:3, :3] += np.tan(np.deg2rad(degrees)) * np.outer(along, shifted) / lengths
+    return matrix
+
+
 _TRANSFORMS: dict[str, Callable[[Element], NDArray[np.float64]]] = {
     "matrix": _matrix,
     "translate": _translate,
     "rotate": _rotate,
     "scale": _scale,
+    "lookat": _lookat,
+    "skew": _skew,
 }
 
 
