@@ -750,6 +750,19 @@ def _wkt(*units: str) -> tuple[int, bytes]:
     return 2112, text.encode() + bytes(1)
 
 
+def _wkt2(unit: str, kind: str = "Cartesian") -> tuple[int, bytes]:
+    """A system of ISO 19162, where ellipsoids and parameters have units of their own."""
+    datum = 'DATUM["d",ELLIPSOID["e",6378137,298.2,LENGTHUNIT["metre",1,ID["EPSG",9001]]]]'
+    system = f'CS[{kind},2],AXIS["x",east,ORDER[1],{unit}],AXIS["y",north,ORDER[2],{unit}]'
+    if kind == "ellipsoidal":
+        return 2112, f'GEODCRS["g",{datum},{system}]'.encode() + bytes(1)
+    easting = 'PARAMETER["False easting",5e5,LENGTHUNIT["metre",1]]'
+    conversion = f'CONVERSION["c",METHOD["m"],{easting}]'
+    plane = f'PROJCRS["p",BASEGEOGCRS["g",{datum}],{conversion},{system}]'
+    height = f'VERTCRS["v",VDATUM["v"],CS[vertical,1],AXIS["up",up],{unit}]'
+    return 2112, f'COMPOUNDCRS["c",{plane},{height}]'.encode() + bytes(1)
+
+
 FEET = 'UNIT["US survey foot",0.3048006096012192,AUTHORITY["EPSG","9003"]]'
 METRES = 'UNIT["metre",1,AUTHORITY["EPSG","9001"]]'
 
@@ -762,6 +775,7 @@ METRES = 'UNIT["metre",1,AUTHORITY["EPSG","9001"]]'
         [_wkt(FEET)],
         [_wkt('LENGTHUNIT["foot", .3048]')],
         [_geo_keys((3076, 9002)), _wkt(FEET)],
+        [_wkt2("LENGTH" + FEET)],
     ],
 )
 def test_coordinates_in_feet_are_said_to_be(
@@ -784,6 +798,7 @@ def test_coordinates_in_feet_are_said_to_be(
     [
         _geo_keys((1024, 2), (2048, 4326), (4099, 9001)),
         (2112, b'GEOGCS["g",DATUM["d"],UNIT["degree",0.0174532925199433]]\0'),
+        _wkt2('ANGLEUNIT["degree",0.0174532925199433]', "ellipsoidal"),
         (2112, b'COMPD_CS["c",GEOGCS["g",UNIT["degree",0.017]],VERT_CS["v",UNIT["metre",1]]]\0'),
     ],
 )
@@ -810,6 +825,7 @@ def test_longitudes_and_latitudes_are_said_to_be_degrees(
         [_geo_keys((3076, 9001), (4099, 9003))],
         [_wkt(METRES)],
         [_wkt(FEET, METRES)],
+        [_wkt2("LENGTH" + METRES)],
         [(34735, b"cut")],
         [(2112, bytes(range(128, 250)))],
     ],

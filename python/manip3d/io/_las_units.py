@@ -20,7 +20,11 @@ _GEO_KEYS, _WKT = 34735, 2112  # record ids of GeoKeyDirectoryTag and of OGC WKT
 _FOOT_IN_WKT = re.compile(r'UNIT\s*\[\s*"[^"]*"\s*,\s*0?\.3048')
 _METRE_IN_WKT = re.compile(r'UNIT\s*\[\s*"met(?:re|er)s?"', re.IGNORECASE)
 _PROJECTED_IN_WKT = re.compile(r"PROJ(?:CS|CRS|ECTEDCRS)\s*\[", re.IGNORECASE)
-_GEOGRAPHIC_IN_WKT = re.compile(r"GEOG(?:CS|CRS|RAPHICCRS)\s*\[", re.IGNORECASE)
+_GEOGRAPHIC_IN_WKT = re.compile(
+    r"GEOG(?:CS|CRS|RAPHICCRS)\s*\[|\bCS\s*\[\s*ellipsoidal", re.IGNORECASE
+)
+_SYSTEM_IN_WKT = re.compile(r"CRS\s*\[", re.IGNORECASE)
+_AXES_IN_WKT = re.compile(r"\bCS\s*\[", re.IGNORECASE)
 
 
 def stated_unit(header: Any) -> str:
@@ -49,8 +53,20 @@ def stated_unit(header: Any) -> str:
         elif record.record_id == _WKT:
             text = getattr(record, "string", "")
             degrees |= bool(_GEOGRAPHIC_IN_WKT.search(text) and not _PROJECTED_IN_WKT.search(text))
-            feet += len(_FOOT_IN_WKT.findall(text))
-            metres += len(_METRE_IN_WKT.findall(text))
+            axes = _axes_in_wkt(text)
+            feet += len(_FOOT_IN_WKT.findall(axes))
+            metres += len(_METRE_IN_WKT.findall(axes))
     if degrees:
         return DEGREES
     return FOOT if feet and not metres else ""
+
+
+def _axes_in_wkt(text: str) -> str:
+    """Return the parts of a system's text that state its axes.
+
+    In ISO 19162 (WKT 2) the ellipsoid and the parameters of a projection have units, too. The axes
+    follow them, after ``CS[``. OGC's older WKT has units of axes only.
+    """
+    systems = _SYSTEM_IN_WKT.split(text)
+    axes = [part for system in systems for part in _AXES_IN_WKT.split(system)[1:]]
+    return " ".join(axes) if axes else text
