@@ -729,6 +729,22 @@ def test_both_intensities_of_las_are_kept(tmp_path: Path) -> None:
     assert back.fields["las_intensity"].tolist() == [7, 8, 9]
 
 
+@pytest.mark.parametrize("suffix", [".ply", ".pcd"])
+def test_new_names_of_columns_replace_no_others(suffix: str, tmp_path: Path) -> None:
+    numbers = np.arange(1, 9, dtype=np.int32)
+    names = ("las_intensity", "intensity", "other_ring", "ring", "Ring", "a_b", "a b", "a  b")
+    fields = dict(zip(names, (np.full(3, number) for number in numbers), strict=True))
+    ring = np.zeros(3, np.uint16)
+    LidarFrame(np.ones((3, 3), np.float32), np.ones(3, np.float32), ring=ring, fields=fields).write(
+        tmp_path / f"a{suffix}"
+    )
+    found = read_scan(tmp_path / f"a{suffix}").fields
+    assert {name: values.tolist()[0] for name, values in found.items()} == {
+        "las_intensity": 1, "las_intensity_2": 2, "other_ring": 3, "other_ring_2": 4,
+        "other_ring_3": 5, "a_b": 6, "a_b_2": 7, "a_b_3": 8,
+    }  # fmt: skip
+
+
 def _in_system(path: Path, *records: tuple[int, bytes]) -> Path:
     las = laspy.read(path)
     las.header.vlrs.extend(

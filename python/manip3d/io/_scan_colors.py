@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import re
 from typing import TYPE_CHECKING, Any
 
@@ -10,7 +11,7 @@ import numpy as np
 from manip3d.lidar import LidarFrame
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Collection, Mapping, Sequence
 
     from numpy.typing import NDArray
 
@@ -61,7 +62,8 @@ def renamed(frame: LidarFrame, name: str) -> LidarFrame:
     A frame read from LAS may have integer intensities beside a reflectance, which is the frame's
     ``intensity``. The former become the field ``las_intensity``, or are dropped if all are 0. A
     field ``ring`` or ``Ring`` that is not the lasers' numbers becomes ``other_ring``, so that no
-    reader takes it for these: the frame has a ``ring``, or the field has negative numbers.
+    reader takes it for these: the frame has a ``ring``, or the field has negative numbers. New
+    names that other fields have already are numbered: ``other_ring_2``.
     """
     if frame.format is not None and frame.format.name == name:
         return frame
@@ -69,10 +71,10 @@ def renamed(frame: LidarFrame, name: str) -> LidarFrame:
     if frame.intensity is not None and "intensity" in fields:
         second = fields.pop("intensity")
         if second.any():
-            fields["las_intensity"] = second
+            fields[_free_name("las_intensity", fields)] = second
     for key in [key for key in fields if key.lower() == "ring"]:
         if frame.ring is not None or (fields[key] < 0).any():
-            fields["other_ring"] = fields.pop(key)
+            fields[_free_name("other_ring", fields)] = fields.pop(key)
     _rename_normals(fields, name)
     found = find_colors(fields)
     if found is not None and (name == "pcd" or name in _NAMES):
@@ -80,8 +82,23 @@ def renamed(frame: LidarFrame, name: str) -> LidarFrame:
         kept = {key: values for key, values in fields.items() if key not in taken}
         fields = kept | _named_colors(colors, name)
     if name in ("ply", "pcd"):
-        fields = {re.sub(r"\s+", "_", key): values for key, values in fields.items()}
+        fields = _without_blanks(fields)
     return frame.replace(fields=fields)
+
+
+def _without_blanks(fields: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
+    """Return the fields in their order, with underscores for blanks in their names."""
+    found: dict[str, NDArray[Any]] = {}
+    for key, values in fields.items():
+        new = re.sub(r"\s+", "_", key)
+        found[new if new == key else _free_name(new, fields.keys() | found.keys())] = values
+    return found
+
+
+def _free_name(name: str, used: Collection[str]) -> str:
+    """Return the name, or the name with the first number from 2 with which no field has it."""
+    numbered = (f"{name}_{number}" for number in itertools.count(2))
+    return next(free for free in itertools.chain([name], numbered) if free not in used)
 
 
 def color_names(frame: LidarFrame, name: str) -> tuple[str, ...]:
