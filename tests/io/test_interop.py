@@ -366,6 +366,22 @@ class TestWhatAMeshCannotHold:
         assert first.base_color == pytest.approx((0.4, 0.2, 0.0, 1.0))
         assert (second.name, second.metallic) == ("gltf", 1.0)
 
+    def test_the_grey_of_absent_colours_does_not_darken(self) -> None:
+        """A SimpleMaterial without colours has trimesh's default, as of an .obj without .mtl."""
+        trimesh = pytest.importorskip("trimesh")
+        image = pytest.importorskip("PIL.Image").new("RGB", (2, 2), (255, 0, 0))
+        visual, box = trimesh.visual, trimesh.creation.box()
+        box.visual = visual.TextureVisuals(uv=UVS, image=image)
+        (textured,) = Mesh.from_trimesh(box).materials
+        assert textured.base_color == (1.0, 1.0, 1.0, 1.0)
+        assert "base_color" in textured.textures
+        for name, expected in ((None, []), ("wood", ["wood"])):
+            material = visual.material.SimpleMaterial(name=name)
+            box.visual = visual.TextureVisuals(uv=UVS, material=material)
+            found = Mesh.from_trimesh(box).materials
+            assert [each.name for each in found] == expected
+            assert all(each.base_color == (1.0, 1.0, 1.0, 1.0) for each in found)
+
     def test_a_texture_for_print(self) -> None:
         """PNG has no cyan, magenta, yellow and black."""
         trimesh = pytest.importorskip("trimesh")

@@ -814,8 +814,8 @@ def test_views_of_a_lost_camera_are_left_out(tmp_path: Path) -> None:
         files.append(tmp_path / f"{i}.npy")
         np.save(files[-1], np.full((48, 64), 2000, np.uint16))
         np.savetxt(tmp_path / f"{i}.txt", np.eye(4) + np.eye(4, k=3) * 4 * i)
-    for lost in (0, 2):
-        (tmp_path / f"{lost}.txt").write_text("-inf -inf -inf -inf\n" * 4)
+    for lost, row in ((0, "-inf -inf -inf -inf\n"), (2, "nan,nan, nan,nan,\n")):
+        (tmp_path / f"{lost}.txt").write_text("# lost\n" + row * 4)
     options = simplify.DepthOptions(50, intrinsics="60,60,31.5,23.5")
     given = (files, tmp_path, tmp_path / "a.ply", options)
     with pytest.warns(

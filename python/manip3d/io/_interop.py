@@ -449,8 +449,21 @@ def _trimesh_materials(meshes: list[Any]) -> tuple[list[Material], NDArray[np.in
     return materials, np.concatenate([np.empty(0, dtype=np.int32), *per_face])
 
 
+def _has_default_colors(material: Any) -> bool:
+    """Return whether the colours of a SimpleMaterial are the grey that stands for absent ones.
+
+    Multiplied, it would darken textures and colours of vertices.
+    """
+    default = imported("trimesh", "io").visual.color.DEFAULT_COLOR
+    colors = [getattr(material, name, None) for name in ("ambient", "diffuse", "specular")]
+    return all(color is not None and np.array_equal(color, default) for color in colors)
+
+
 def _says_nothing(material: Any) -> bool:
-    """Return whether all properties of the material are None, which means no material."""
+    """Return whether all properties of the material are absent, which means no material."""
+    if hasattr(material, "to_pbr"):
+        is_named = getattr(material, "_name", None) is not None
+        return material.image is None and not is_named and _has_default_colors(material)
     factors = ("baseColorFactor", "metallicFactor", "roughnessFactor", "emissiveFactor")
     keys = ("name", *factors, *_ROLES.values())
     return all(getattr(material, key, 0) is None for key in keys)
@@ -459,7 +472,9 @@ def _says_nothing(material: Any) -> bool:
 def _from_trimesh_material(material: Any) -> Material:
     name, metallic = material.name or "", 1.0
     if hasattr(material, "to_pbr"):  # without name and metalness, whose default is that of glTF
-        material, metallic = material.to_pbr(), 0.0
+        is_grey, material, metallic = _has_default_colors(material), material.to_pbr(), 0.0
+        if is_grey:
+            material.baseColorFactor = None
     textures = {
         role: Texture(data=_png(image))
         for role, key in _ROLES.items()

@@ -307,11 +307,11 @@ def _numbers(fields: Sequence[str], place: Path, line: int) -> NDArray[np.float6
 
 
 def _is_lost(place: Path) -> bool:
+    rows = [filled(fields_of(line)) for _, line in _filled_lines(place) if not _is_comment(line)]
     try:
-        numbers = [[float(word) for word in line.split()] for line in text_of(place).splitlines()]
+        return [len([float(word) for word in row]) for row in rows] == [4, 4, 4, 4]
     except ValueError:
         return False
-    return [len(row) for row in numbers if row] == [4, 4, 4, 4]
 
 
 def _checked_matrix(
