@@ -214,6 +214,7 @@ HOSTILE = {
     "time 0": (SMALL.replace("0.025", "0"), "time of a frame in seconds"),
     "time nan": (SMALL.replace("0.025", "nan"), "the time of a frame"),
     "a word": (SMALL.replace("90", "ninety"), "expected a number, got 'ninety'"),
+    "a word behind a long number": (SMALL.replace("90", "0" * 300 + " ninety"), "got 'ninety'"),
     "infinite": (SMALL.replace("90", "inf"), "expected a number, got 'inf'"),
     "underscore": (SMALL.replace("90", "9_0"), "expected a number, got '9_0'"),
     "one too few": (SMALL.rstrip()[:-1], "found 17 numbers"),

@@ -9,6 +9,7 @@ import re
 from array import array
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from itertools import islice
 
 import numpy as np
 from numpy.typing import NDArray
@@ -232,10 +233,10 @@ class _Reader:
             self._end = end
 
     def skip(self, count: int) -> str:
-        """Skip words, and return the next one, so that an error names its line."""
-        for _ in range(count):
-            self.word("a number")
-        return self.word("a number")
+        """Skip words of any length, and return the next one, so that an error names its line."""
+        found = next(islice(_WORD.finditer(self._data, self._end), count, None))
+        self._end = found.end()
+        return found.group().decode("utf-8", "surrogateescape")
 
 
 def _hierarchy(reader: _Reader) -> list[_Joint]:

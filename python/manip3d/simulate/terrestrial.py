@@ -35,12 +35,10 @@ SUB_RAYS = 6
 _FARTHEST_M = float(np.finfo(np.float32).max)  # of a return; the range of the sky is infinite
 _SKY_M = 1e4  # metres: range of rays without a hit, so that they differ from all others
 _STEPS_PER_M = np.float32(1000.0)  # ranges are rounded to 1 mm
-_ROUNDING = (
-    1e-9  # steps by which a whole number of them may fall short: 0.3 / 0.1 is 2.9999999999999996
-)
-_LEAST_WEIGHT = np.float32(
-    2.0**-24
-)  # smallest number above 0 that Generator.random draws in float32
+_ROUNDING = 1e-9
+"""Steps by which a whole number of them may fall short: 0.3 / 0.1 is 2.9999999999999996."""
+_LEAST_WEIGHT = np.float32(2.0**-24)
+"""Smallest number above 0 that ``Generator.random`` draws in float32."""
 _LEAST_COSINE = 1e-3  # keeps the azimuth of beams finite that point straight up or down
 
 
