@@ -169,9 +169,11 @@ def test_what_is_refused() -> None:
         PINHOLE.unproject(np.ones((64, 48), np.float32))
     with pytest.raises(InputError, match="depth: expected dtype uint16"):
         PINHOLE.unproject(np.ones((48, 64)))
-    for wrong in (np.int32([1500]), np.int64(1500), np.uint8(2)):
+    for wrong in (np.int32([1500]), np.int64(1500), np.uint8(2), [np.int64(1500)]):
         with pytest.raises(InputError, match="depth: expected dtype uint16 or float, got"):
             PINHOLE.unproject(wrong, pixels=[(1, 2)])
+    with pytest.raises(InputError, match="got uint16 beside other numbers"):
+        PINHOLE.unproject([np.uint16(1500), 1.5], pixels=[(1, 2)] * 2)  # type: ignore[list-item]
     with pytest.raises(InputError, match="threads"):
         PINHOLE.unproject(np.ones((48, 64), np.float32), threads=-1)
 

@@ -6,7 +6,7 @@ import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, overload
+from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 
@@ -118,7 +118,7 @@ class Intrinsics:
         depth : (H, W) uint16 in millimetres or float32 in metres
             Distance along the optical axis. 0 and NaN mean no measurement. With ``pixels``: (...)
             uint16 in millimetres or float in metres; one number per pixel, or one for all. Numbers
-            of Python are in metres; arrays of other integers are refused.
+            of Python are in metres; other integers of NumPy are refused, also in lists.
         pixels : (..., 2) float, optional
             Columns and rows ``(u, v)``, which may be fractions. They may lie outside the image,
             unless the camera has a ray table. A depth of 1 gives the lines of sight.
@@ -154,8 +154,9 @@ class Intrinsics:
         if given.dtype.kind not in "iuf":
             raise InputError(f"depth: expected numbers, got dtype {given.dtype}")
         is_millimetres = given.dtype == np.uint16
-        if hasattr(depth, "dtype") and given.dtype.kind in "iu" and not is_millimetres:
-            raise InputError(f"depth: expected dtype uint16 or float, got {given.dtype}")
+        if not is_millimetres and (other := _integer_dtype(depth)) is not None:
+            mixed = " beside other numbers" if other == np.uint16 else ""
+            raise InputError(f"depth: expected dtype uint16 or float, got {other}{mixed}")
         z = np.asarray(given, np.float64)
         if is_millimetres:
             z = z / 1000.0
@@ -313,6 +314,14 @@ def checked_depth(depth: ArrayLike, intrinsics: Intrinsics) -> NDArray[np.uint16
             f"say, got {image.shape}"
         )
     return np.ascontiguousarray(image)
+
+
+def _integer_dtype(value: Any) -> np.dtype[Any] | None:
+    """Return the type of the first integers of NumPy in an array or in nested lists, or None."""
+    if isinstance(value, list | tuple):
+        return next((found for one in value if (found := _integer_dtype(one)) is not None), None)
+    dtype = getattr(value, "dtype", None)
+    return dtype if isinstance(dtype, np.dtype) and dtype.kind in "iu" else None
 
 
 def _last_axis(values: ArrayLike, size: int, name: str) -> NDArray[np.float64]:
