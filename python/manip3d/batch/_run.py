@@ -238,8 +238,10 @@ def one_file(
             if isinstance(error, FormatError) and error.file == str(local):
                 error.file = source
             raise
-        num_bytes = None if written is None else bytes_of(written, is_remote=is_url(output))
-        names = {str(local): source} | ({str(written): output} if written is not None else {})
+        num_bytes, names = None, {str(local): source}
+        if written is not None and output is not None:
+            num_bytes = bytes_of(written, is_remote=is_url(output))
+            names[str(written)] = output
     fixed = {
         "source": source,
         "output": output,

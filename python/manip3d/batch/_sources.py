@@ -233,7 +233,10 @@ def each_once(files: Sequence[SourceFile]) -> list[SourceFile]:
 
 def absolute_names(names: Iterable[str]) -> list[str]:
     """Return paths as absolute ones, through no links of folders; URLs and addresses unchanged."""
-    folder_of = functools.cache(os.path.realpath)
+
+    @functools.cache
+    def folder_of(name: str) -> str:
+        return os.path.realpath(name)
 
     def absolute(name: str) -> str:
         if is_url(name) or name.startswith(_ADDRESSES):
