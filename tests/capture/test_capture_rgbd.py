@@ -1219,6 +1219,17 @@ def test_a_trigger_begins_a_recording_with_what_was_before(
     assert (timed.frames, timed.stop) == (len(list(expected)) + 1, "seconds")
 
 
+def test_what_was_before_a_clock_that_began_again_is_not_before_a_trigger(tmp_path: Path) -> None:
+    there = [
+        replace(frame, number=number, time_ns=time)
+        for number, (frame, time) in enumerate(
+            zip(rgbd_frames.frames(4), (10**12, 10**12 + 1, 0, 10), strict=True)
+        )
+    ]
+    done = capture.record(there, tmp_path / "a", trigger=lambda f: f.number == 3, before=1.0)
+    assert done.frames == 2
+
+
 def test_a_trigger_that_never_comes_and_seconds_that_are_none(tmp_path: Path) -> None:
     there = list(rgbd_frames.frames(3))
     done = capture.record(there, tmp_path / "a", trigger=lambda _: False, before=1.0)
@@ -1477,6 +1488,15 @@ def test_a_recording_that_has_ended_begins_anew(tmp_path: Path, name: str) -> No
     source.start()
     assert [frame.number for frame in source] == numbers
     source.stop()
+
+
+@pytest.mark.parametrize("other", [None, 5, "a frame"])
+@pytest.mark.parametrize("place", [0, 2])
+def test_what_is_no_frame_is_told(other: object, place: int) -> None:
+    there: list[Any] = [*rgbd_frames.frames(3)]
+    there[place] = other
+    with pytest.raises(InputError, match=f"expected frames of an RGB-D camera, got {other!r}"):
+        list(capture.from_frames(there))
 
 
 def test_frames_that_are_there_begin_anew() -> None:

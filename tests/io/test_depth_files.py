@@ -105,6 +105,13 @@ def test_pfm_begins_with_its_lowest_row(scale: str, order: str, tmp_path: Path) 
     np.testing.assert_array_equal(read_depth(path), expected)
 
 
+def test_what_is_too_far_for_a_number_of_32_bits_is_infinite(tmp_path: Path) -> None:
+    np.save(tmp_path / "a.npy", [[1e300, 2.0]])
+    np.save(tmp_path / "b.npy", np.uint16([[1, 0]]))
+    assert read_depth(tmp_path / "a.npy").tolist() == [[np.inf, 2.0]]
+    assert read_depth(tmp_path / "b.npy", units_per_metre=1e-300).tolist() == [[np.inf, 0.0]]
+
+
 def test_other_units_become_metres(tmp_path: Path) -> None:
     path = tmp_path / "tum.png"
     path.write_bytes(encoded("PNG"))

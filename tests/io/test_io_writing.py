@@ -12,6 +12,7 @@ import sys
 import textwrap
 import time
 from concurrent.futures import ThreadPoolExecutor
+from io import BytesIO
 from pathlib import Path
 
 import numpy as np
@@ -740,3 +741,16 @@ def test_write_new_is_whole_and_never_replaces(
     assert (tmp_path / "b.key").read_bytes() == b"sixth"
     assert (tmp_path / "b.key").stat().st_mode & 0o777 == 0o600
     assert {each.name for each in tmp_path.iterdir()} == {"a.key", "b.key", "dangling"}
+
+
+@pytest.mark.parametrize("path", ["", ".", "skin.bmp"])
+def test_an_image_that_becomes_png_needs_no_name(path: str, tmp_path: Path) -> None:
+    stream = BytesIO()
+    pytest.importorskip("PIL.Image").new("RGB", (2, 2)).save(stream, "BMP")
+    skin = manip3d.Material(textures={"base_color": manip3d.Texture(path, stream.getvalue())})
+    manip3d.Mesh(
+        np.eye(3), [[0, 1, 2]], texcoords=np.eye(3)[:, :2], face_texcoords=[[0, 1, 2]],
+        face_material=[0], materials=[skin],
+    ).write(tmp_path / "a.glb")  # fmt: skip
+    (material,) = io.read_mesh(tmp_path / "a.glb").materials
+    assert material.textures["base_color"].data[:4] == b"\x89PNG"

@@ -109,10 +109,6 @@ class IteratedFrames:
             self._pending = self._next_frame()
             if self._pending is None:
                 raise InputError("source: expected at least one frame, got none")
-            if not isinstance(self._pending, RgbdFrame):
-                raise InputError(
-                    f"source: expected frames of an RGB-D camera, got {self._pending!r}"
-                )
             calibration = self._pending.calibration
         self._calibration = calibration
         self._lock = threading.RLock()
@@ -144,7 +140,11 @@ class IteratedFrames:
 
     def _advance(self) -> RgbdFrame | None:
         self._index += 1
-        return next(self._frames, None)
+        for frame in self._frames:
+            if not isinstance(frame, RgbdFrame):
+                raise InputError(f"source: expected frames of an RGB-D camera, got {frame!r:.80}")
+            return frame
+        return None
 
     def _in_time(self, frame: RgbdFrame) -> RgbdFrame:
         """Return the frame, or if it is late the first following frame that is not, or the last.

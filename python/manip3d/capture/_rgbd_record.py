@@ -303,6 +303,8 @@ def _since(
     earlier: deque[RgbdFrame] = deque()
     is_on = trigger is None
     for frame in source._readable():
+        if earlier and frame.time_ns <= earlier[-1].time_ns:
+            earlier.clear()  # the clock began again
         if not is_on and trigger is not None and not trigger(frame):
             earlier.append(frame)
             while frame.time_ns - earlier[0].time_ns > before * 1e9:

@@ -256,8 +256,9 @@ def _png_header(path: str | os.PathLike[str]) -> bytes:
 def _in_our_units(
     stored: NDArray[Any], units_per_metre: float
 ) -> NDArray[np.uint16] | NDArray[np.float32]:
-    if stored.dtype.kind == "f":
-        return np.array(stored, dtype=np.float32, order="C")
-    if units_per_metre == MILLIMETRES:
-        return np.array(stored, dtype=np.uint16, order="C")
-    return (stored / units_per_metre).astype(np.float32)
+    with np.errstate(over="ignore"):  # too far is infinite, which is no measurement
+        if stored.dtype.kind == "f":
+            return np.array(stored, dtype=np.float32, order="C")
+        if units_per_metre == MILLIMETRES:
+            return np.array(stored, dtype=np.uint16, order="C")
+        return (stored / units_per_metre).astype(np.float32)

@@ -143,7 +143,9 @@ def _as_png(mesh: Mesh, texture: Texture) -> Texture:
         reason = "no image that Pillow knows" if is_unknown else error
         _logger.warning("texture %r cannot be converted to PNG: %s", texture.path, reason)
         return texture
-    path = None if texture.path is None else str(Path(texture.path).with_suffix(".png"))
+    path = None
+    if texture.path is not None and Path(texture.path).name:
+        path = str(Path(texture.path).with_suffix(".png"))
     return dataclasses.replace(texture, path=path, data=stream.getvalue())
 
 
