@@ -433,9 +433,9 @@ def open_kitti(
         written.
     calibration : path-like, optional
         Place of the calibration if it is not where KITTI has it: a day's folder with
-        ``calib_cam_to_cam.txt``, a file such as odometry's ``calib.txt``, or a folder with a file
-        for each frame. By default it is one of these in ``path``, else ``calib_cam_to_cam.txt`` in
-        the folder above.
+        ``calib_cam_to_cam.txt``, a file such as odometry's ``calib.txt`` or one of the tracking
+        benchmark, or a folder with a file for each frame. By default it is one of these in
+        ``path``, else ``calib_cam_to_cam.txt`` in the folder above.
 
     Returns
     -------
