@@ -313,6 +313,64 @@ def local_zone(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     time.tzset()
 
 
+def test_patients_are_not_shown_what_a_therapist_wrote(diary: Diary) -> None:
+    diary.enrol("P01")
+    diary.add_event("P01", "pain", "P01 exaggerates, as always")
+    assert diary.halt_reason("P01").startswith("The pain rose. Please stop")
+
+
+def test_a_rating_that_is_said_to_be_before_play_is_compared_too(diary: Diary) -> None:
+    diary.enrol("P01")
+    session = diary.start_session("P01", at=START)
+    diary.add_rating("P01", 2, session=session, when="before", at=START)
+    later = START + timedelta(minutes=5)
+    told = diary.add_rating("P01", 7, session=session, when="before", at=later)
+    assert "rose from 2 to 7" in told
+    assert diary.add_rating("P01", 9, session=session, when="other", at=later) == ""
+
+
+def test_ratings_are_in_the_order_in_which_they_were_given(diary: Diary) -> None:
+    """The clock is set back between them: the second is not the one that others rise from."""
+    diary.enrol("P01")
+    session = diary.start_session("P01", at=START)
+    diary.add_rating("P01", 2, session=session, at=START)
+    back = START - timedelta(minutes=30)
+    assert "rose from 2 to 6" in diary.add_rating("P01", 6, session=session, at=back)
+    assert "rose from 2 to 6" in diary.add_rating("P01", 6, session=session, at=back)
+    (found,) = diary.sessions("P01")
+    assert (found.pain_before, [one.pain for one in found.ratings]) == (2, [2, 6, 6])
+
+
+@pytest.mark.parametrize("ending", ["", "-wal", "-shm"])
+def test_no_export_replaces_the_diary(tmp_path: Path, ending: str) -> None:
+    path = tmp_path / "study.diary"
+    (tmp_path / "link").symlink_to(f"{path}{ending}")
+    with Diary(path, create=True) as diary:
+        diary.enrol("P01")
+        for output in (f"{path}{ending}", tmp_path / "link"):
+            for export in (write_page, export_fhir):
+                with pytest.raises(
+                    InputError, match="output: expected another file than the diary"
+                ):
+                    export(diary, output, "P01", overwrite=True)
+        assert [one.identifier for one in diary.participants()] == ["P01"]
+
+
+@pytest.mark.usefixtures("local_zone")
+def test_days_with_a_time_are_refused(diary: Diary, tmp_path: Path) -> None:
+    """They compare equal to no day: nobody would be stopped."""
+    diary.enrol("P01", at=START)
+    diary.add_event("P01", "sickness", at=START)
+    for call in (
+        lambda: diary.halt_reason("P01", today=START),
+        lambda: write_page(diary, tmp_path / "page.html", "P01", today=START),
+        lambda: write_overview(diary, tmp_path / "pages", today=START),
+        lambda: adherence([], START, START),
+    ):
+        with pytest.raises(InputError, match="today: expected a date without a time"):
+            call()
+
+
 @pytest.mark.usefixtures("local_zone")
 def test_a_stop_of_another_time_zone_holds_for_the_day_here(diary: Diary) -> None:
     """A time of the third of March in Tokyo is on the second here, and the stop holds that day."""

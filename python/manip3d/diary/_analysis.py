@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from datetime import date, datetime
+from datetime import date
 from typing import get_args
 
 import numpy as np
@@ -17,7 +17,7 @@ from manip3d._util.reprs import short_repr
 from manip3d._util.shares import clopper_pearson
 from manip3d.diary._diary import Diary
 from manip3d.diary._protocol import Adherence, Protocol, adherence
-from manip3d.diary._records import Occasion, local_day
+from manip3d.diary._records import Occasion, day_of, local_day
 from manip3d.errors import InputError
 
 OCCASIONS = tuple(name for name in get_args(Occasion) if name != "other")
@@ -381,8 +381,8 @@ def analyse(
     ...     analyse(diary).responders_50.number
     1
     """
-    if isinstance(today, datetime):  # a subclass of date, which cannot be compared with one
-        raise InputError(f"today: expected a date without a time (`.date()`), got {today!r}")
+    if today is not None:
+        day_of(today)
     imported("scipy.special", "diary")
     people = diary.participants()
     if not people:

@@ -10,6 +10,7 @@ import sqlite3
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
 from datetime import datetime
+from pathlib import Path
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -19,6 +20,7 @@ from manip3d._util.checked import checked
 from manip3d._util.paths import legible_path_of
 from manip3d.diary import _schema as schema
 from manip3d.diary._clips import Pictures
+from manip3d.diary._file import BESIDE
 from manip3d.diary._mcgill import score_mcgill
 from manip3d.diary._protocol import judge_rating
 from manip3d.diary._questionnaires import MCGILL, Questionnaire, definition_of
@@ -338,8 +340,8 @@ class Diary(DiaryReading):
         str
             Reason why the session must stop, if the pain is 2 or more above the first rating of the
             session (or above a second rating that corrects it within 30 seconds, before any play).
-            The reason is also stored as an adverse event, in the same transaction as the rating. In
-            all other cases ``reason``.
+            Ratings of ``other`` times are not compared. The reason is also stored as an adverse
+            event, in the same transaction as the rating. In all other cases ``reason``.
 
         Raises
         ------
@@ -357,13 +359,15 @@ class Diary(DiaryReading):
         moment = aware(at)
         with self._file.begin() as rows:
             participant = rows.find(identifier)
+            fields: dict[str, Any] = {"at": moment.isoformat(), "pain": pain}
             if session is not None:
                 rows.check_owner(session, participant)
                 past = next(o for o in sessions_of(rows, participant) if o.number == session)
-                if when is None or when == "after":
-                    when = when or ("after" if past.begun or past.games else "before")
+                when = when or ("after" if past.begun or past.games else "before")
+                if when != "other":
                     reason = judge_rating(past.ratings, pain, moment, when=when) or reason
-            fields = {"at": moment.isoformat(), "pain": pain, "when": when or "other"}
+                fields["order"] = len(past.ratings)
+            fields["when"] = when or "other"
             rows.add(schema.RATINGS, participant, fields, session=session)
             if reason:
                 told = {"at": moment.isoformat(), "kind": "pain", "text": reason}
@@ -642,6 +646,26 @@ class Diary(DiaryReading):
         )
         with _telling_of_no_room(told), self._file.begin() as rows:
             rows.note("export", rows.find(identifier).number)
+
+    def expect_other_file(self, output: str | os.PathLike[str]) -> None:
+        """Raise InputError if an output is the diary's file, or one that SQLite keeps beside it.
+
+        Parameters
+        ----------
+        output : path
+            File that is about to be written.
+
+        Raises
+        ------
+        InputError
+            The file belongs to the diary.
+        """
+        place = self._file.place
+        for own in (place, *(Path(f"{place}{ending}") for ending in BESIDE)):
+            if os.path.realpath(output) == os.path.realpath(own) or (
+                os.path.exists(output) and own.exists() and os.path.samefile(output, own)
+            ):
+                raise InputError(f"output: expected another file than the diary, got {output}")
 
     def note_files(self, identifier: str, files: Sequence[str | os.PathLike[str]]) -> None:
         """Record the files that an export wrote, to find them if the participant withdraws.

@@ -308,6 +308,7 @@ def export_fhir(
     """
     target = legible_path_of(output, "output")
     refuse_existing(target, overwrite=overwrite, name="output")
+    diary.expect_other_file(target)
     bundle = fhir_bundle(diary, identifier)
     diary.note_export(identifier)
     atomic_write(target, json.dumps(bundle, indent=1) + "\n")

@@ -29,6 +29,8 @@ _WITHOUT_LINKS = (errno.EPERM, errno.EOPNOTSUPP, errno.ENOSYS)
 _MIN_BYTES = 1 << 16  # size of two pages of the write-ahead log's index, bytes
 _FIXED = "ro&immutable=1"
 """Mode in which SQLite reads a file as if nothing could change it."""
+BESIDE = ("-wal", "-shm", "-journal")
+"""Endings of the files that SQLite keeps beside a diary."""
 _BUSY_S = 5.0  # longest wait for another program that writes, seconds
 
 

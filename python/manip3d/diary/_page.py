@@ -26,6 +26,7 @@ from manip3d.diary._records import (
     DiaryGame,
     DiarySession,
     Participant,
+    day_of,
     local_day,
 )
 from manip3d.diary._trends import Point, change_a_week, pain_chart, require_scipy, trend
@@ -98,7 +99,8 @@ def write_page(
     """
     target = legible_path_of(output, "output")
     refuse_existing(target, overwrite=overwrite, name="output")
-    text = _page(diary, identifier, today or date.today(), clips)
+    diary.expect_other_file(target)
+    text = _page(diary, identifier, day_of(today), clips)
     diary.note_export(identifier)
     atomic_write(target, text)
     diary.note_files(identifier, [target])
@@ -155,7 +157,7 @@ def write_overview(
     target = legible_path_of(output, "output")
     refuse_existing(target, overwrite=overwrite, name="output")
     refuse_other_files(target, is_page_of_overview)
-    day = today or date.today()
+    day = day_of(today)
     people = diary.participants()
     names = _names_of_pages([person.identifier for person in people])
     for identifier in names:

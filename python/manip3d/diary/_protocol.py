@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from datetime import date, datetime
 
 from manip3d._util.checked import checked
-from manip3d.diary._records import DiarySession, Moment, Rating, first_pain, local_day
+from manip3d.diary._records import DiarySession, Moment, Rating, day_of, first_pain, local_day
 from manip3d.errors import InputError
 
 STOP_RISE = 2
@@ -105,7 +105,7 @@ def adherence(
     Raises
     ------
     InputError
-        ``today`` is before the start.
+        ``today`` is before the start, or has a time.
 
     Examples
     --------
@@ -117,7 +117,7 @@ def adherence(
     """
     plan = protocol or Protocol()
     first = local_day(start)
-    if today < first:
+    if day_of(today) < first:
         raise InputError(f"today: expected {first} or later, got {today}")
     days = min((today - first).days + 1, 7 * plan.weeks)
     complete, partial, played = Counter[int](), Counter[int](), set[int]()

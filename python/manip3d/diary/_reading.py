@@ -17,7 +17,7 @@ from manip3d.diary._audit import moment_of
 from manip3d.diary._clips import Clip
 from manip3d.diary._file import DiaryFile
 from manip3d.diary._mcgill import score_mcgill
-from manip3d.diary._protocol import PAIN, SICKNESS
+from manip3d.diary._protocol import PAIN, SICKNESS, is_stop_reason
 from manip3d.diary._questionnaires import MCGILL, OWNERSHIP, questionnaire_of
 from manip3d.diary._records import (
     AdverseEvent,
@@ -30,6 +30,7 @@ from manip3d.diary._records import (
     Ownership,
     Participant,
     Rating,
+    day_of,
 )
 from manip3d.diary._rows import DiaryTransaction, Enrolled
 from manip3d.diary._sealing import require_key_material
@@ -332,17 +333,19 @@ class DiaryReading(Closing):
         -------
         str
             Sentence for the patient about the first adverse event of that day that stops sessions
-            (pain or sickness); empty: the participant may play.
+            (pain or sickness), without what a therapist wrote about it; empty: the participant may
+            play.
 
         Raises
         ------
         InputError
-            No such participant.
+            No such participant, or ``today`` has a time.
         """
-        day = today or date.today()
+        day = day_of(today)
         for event in self.events(identifier):
             if event.local_date == day and event.kind != "other":
-                return SICKNESS if event.kind == "sickness" else event.text or PAIN
+                told = event.text if is_stop_reason(event.text) else PAIN
+                return SICKNESS if event.kind == "sickness" else told
         return ""
 
     def audit(self) -> list[tuple[datetime, str, str]]:
@@ -431,7 +434,8 @@ def sessions_of(rows: DiaryTransaction, participant: Enrolled) -> list[DiarySess
     for row, fields in rows.read(schema.GAMES, participant):
         games[row["session"]].append(_game(fields, sorted(times[row["id"]]), row["id"]))
     for row, fields in rows.read(schema.RATINGS, participant):
-        ratings[row["session"]].append(_rating(fields, row["id"]))
+        # Early diaries state no order; their ratings are in that of their times.
+        ratings[row["session"]].append((fields.get("order", -1), _rating(fields, row["id"])))
     found = []
     for row, about in rows.read(schema.SESSIONS, participant):
         started = datetime.fromisoformat(about["started"])
@@ -442,8 +446,7 @@ def sessions_of(rows: DiaryTransaction, participant: Enrolled) -> list[DiarySess
                 started,
                 None if ended is None else max(started, ended),
                 tuple(sorted(games[row["id"]], key=lambda game: game.at)),
-                # If the clock was set back, ratings after the play have earlier times.
-                tuple(sorted(ratings[row["id"]], key=lambda one: (one.when == "after", one.at))),
+                _in_order(ratings[row["id"]]),
                 datetime.fromisoformat(about["begun"]) if about.get("begun") else None,
                 bool(about.get("answered", True)),
                 clock_went_back=ended is not None and ended < started,
@@ -451,6 +454,12 @@ def sessions_of(rows: DiaryTransaction, participant: Enrolled) -> list[DiarySess
             )
         )
     return found
+
+
+def _in_order(numbered: list[tuple[int, Rating]]) -> tuple[Rating, ...]:
+    """Return ratings in their order; times go back where the clock was set back."""
+    numbered = sorted(numbered, key=lambda one: (one[1].when == "after", one[0], one[1].at))
+    return tuple(rating for _, rating in numbered)
 
 
 def _participant(enrolled: Enrolled) -> Participant:

@@ -45,6 +45,13 @@ def aware(moment: datetime | None) -> datetime:
     return moment
 
 
+def day_of(today: date | None) -> date:
+    """Return the day, or today if it is None; refuse a time, which cannot be compared with days."""
+    if isinstance(today, datetime):  # a subclass of date
+        raise InputError(f"today: expected a date without a time (`.date()`), got {today!r}")
+    return today or date.today()
+
+
 def local_day(moment: datetime) -> date:
     """Return the day in this machine's time zone, which may differ from that of the record."""
     return moment.astimezone().date()

@@ -18,6 +18,7 @@ from manip3d._util.paths import path_of, refuse_existing
 from manip3d._util.reprs import short_repr
 from manip3d.diary import _schema as schema
 from manip3d.diary._file import (
+    BESIDE,
     connect,
     empty_file_error,
     expect_regular_file,
@@ -119,7 +120,7 @@ def rescue_diary(
     if target.exists() and source.exists() and target.samefile(source):
         raise InputError(f"output: expected another file than the diary, got {target}")
     expect_regular_file(source)
-    for beside in (Path(f"{target}{ending}") for ending in ("-wal", "-shm", "-journal")):
+    for beside in (Path(f"{target}{ending}") for ending in BESIDE):
         if beside.exists():  # SQLite would apply it to the new diary
             raise InputError(f"output: {beside} belongs to a diary that was not closed")
     missing: list[str] = []
