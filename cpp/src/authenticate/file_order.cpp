@@ -16,7 +16,7 @@ constexpr float kAzimuthRounding = 1e-3F;
 constexpr float kStartSpan = kFullTurnF / 360.0F;
 constexpr std::size_t kMinStarts = 8;
 
-// Where each point of a file is on its ring, radians in [0, 2 pi]; negative: it is not judged.
+// Places of the points of a file on their rings, radians in [0, 2 pi]; negative: not judged.
 struct Places {
   const Indices& ring;
   std::vector<float> angle;
