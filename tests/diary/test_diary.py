@@ -231,6 +231,17 @@ def test_refusals(diary: Diary) -> None:
         (lambda: diary.add_game(session, game(anomalies=[(1, 2, 3)])), "anomalies: expected pairs"),
         (lambda: diary.add_game(session, game(anomalies=[4.0])), "anomalies: expected pairs of"),
         (lambda: diary.add_game(session, game(tracked=inf)), "tracked: expected a finite number"),
+        (lambda: diary.add_game(session, game(tracked=1.5)), "tracked: expected a share of 0 to 1"),
+        (
+            lambda: diary.add_game(session, game(seconds=-1.0)),
+            "seconds: expected 0 or more, got -1",
+        ),
+        (lambda: diary.add_game(session, game(misses=-1)), "misses: expected 0 or more, got -1"),
+        (lambda: diary.add_game(session, game(gain=0.0)), "gain: expected a number > 0, got 0"),
+        (
+            lambda: diary.add_game(session, game(anomalies=[(9, 3)])),
+            "anomalies: expected 0 <= start",
+        ),
         (lambda: diary.add_game(session, game(score=3.5)), "score: expected a whole number"),
         (
             lambda: diary.add_game(session, game(anomalies=((4.0, nan),))),

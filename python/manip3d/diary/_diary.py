@@ -277,9 +277,9 @@ class Diary(DiaryReading):
         ------
         InputError
             An unknown session, limb, ending or ``replaces``; a name of a game with a slash or a
-            backslash; anomalies that are no pairs; a number that is not finite, or not whole though
-            it must be; clips of a participant who did not consent; or numbers of clips and of
-            anomalies differ.
+            backslash; anomalies that are no pairs; a number that is not finite, not whole though it
+            must be, or impossible, such as a negative duration; clips of a participant who did not
+            consent; or numbers of clips and of anomalies differ.
         """
         if clips and len(clips) != len(game.anomalies):
             raise InputError(f"clips: expected {len(game.anomalies)}, got {len(clips)}")
@@ -762,6 +762,13 @@ def _fields_of(game: DiaryGame) -> dict[str, Any]:
     for name in ("latency_ms", "tracked"):
         if fields[name] is not None:
             fields[name] = _finite(fields[name], name)
+    for name in ("seconds", "paused_s", "misses", "by_phantom", "latency_ms", "tracked"):
+        if fields[name] is not None and fields[name] < 0:
+            raise InputError(f"{name}: expected 0 or more, got {fields[name]}")
+    if fields["tracked"] is not None and fields["tracked"] > 1:
+        raise InputError(f"tracked: expected a share of 0 to 1, got {fields['tracked']}")
+    if not fields["gain"] > 0:
+        raise InputError(f"gain: expected a number > 0, got {fields['gain']}")
     fields["anomalies"] = [_ends_of(anomaly) for anomaly in game.anomalies]
     return fields
 
@@ -772,7 +779,10 @@ def _ends_of(anomaly: object) -> tuple[float, float]:
         raise InputError(
             f"anomalies: expected pairs of a start and an end, got {one_line(anomaly)}"
         )
-    return _finite(anomaly[0], "anomalies"), _finite(anomaly[1], "anomalies")
+    start, end = _finite(anomaly[0], "anomalies"), _finite(anomaly[1], "anomalies")
+    if not 0 <= start <= end:
+        raise InputError(f"anomalies: expected 0 <= start <= end, got {start} and {end}")
+    return start, end
 
 
 def _whole(value: object, name: str) -> int:
