@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ import capsule_body
 from manip3d import InputError
 from manip3d.phantom import LiveSession
 from manip3d.phantom._felt import FeltLimb, felt_places
+from manip3d.phantom._live import _Show
 from manip3d.phantom._setup import PlacementCalibration, moved_to, placement_checks
 from manip3d.phantom._touch import SECONDS, TOUCH_S, TouchCue, touches
 from manip3d.rgbd import JOINTS, NOT_TRACKED, Skeleton
@@ -233,6 +235,8 @@ def test_another_limb_is_mirrored_and_its_game_offered() -> None:
     assert status["affected"] == session.affected == "left_leg"
     assert (status["game"]["name"], status["game"]["phase"]) == ("bubbles-legs", "waiting")
     assert [summary.ending for summary in session.summaries] in ([], ["stopped"])
+    idle: Any = SimpleNamespace(report=list, refused={}, lost_lines=0)
+    assert _Show(session, idle, None, 0.0).report([], idle).affected == "left_leg"
 
 
 def test_the_chosen_person_is_followed() -> None:

@@ -61,7 +61,7 @@ class LiveReport:
     Attributes
     ----------
     affected : str
-        The limb that was replaced.
+        The limb that was replaced at the end; the page can choose another one.
     frames : int
         Number of frames that were shown.
     seconds : float
@@ -301,7 +301,7 @@ def run_live(
                 interrupts.note_end()
                 session.end()
                 opened.close()
-    return show.report(limb, unkept, journal)
+    return show.report(unkept, journal)
 
 
 def _default_limb(source: str | None, game: str | None) -> str:
@@ -390,10 +390,10 @@ class _Show:
             if self._without_color == _FRAMES_WITHOUT_COLOR:
                 warnings.warn(NO_COLOR, stacklevel=caller_level())
 
-    def report(self, limb: str, unkept: Iterable[str], journal: SessionLog) -> LiveReport:
+    def report(self, unkept: Iterable[str], journal: SessionLog) -> LiveReport:
         """Return the counts of a session that is over."""
         return LiveReport(
-            affected=limb,
+            affected=self.session.affected,
             frames=self.frames,
             seconds=time.monotonic() - self.began,
             first_frame_s=self.first_frame_s,
