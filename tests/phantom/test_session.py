@@ -739,6 +739,14 @@ def test_enhanced_joints_turn_further_and_the_summary_says_so() -> None:
     assert session.summaries[0].gain == 1.5
 
 
+def test_a_game_for_other_limbs_is_played_without_the_gain() -> None:
+    session = LiveSession("right_arm", game="pedal", gain=2.0)
+    session.command("ready")
+    play(session, patient()[:40])
+    session.end()
+    assert session.summaries[0].gain == 1.0
+
+
 def test_without_a_diary_ratings_are_not_kept() -> None:
     session = LiveSession("right_arm")
     session.command("pain", {"value": 9})

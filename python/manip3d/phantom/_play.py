@@ -185,8 +185,7 @@ class Play:
         played = seconds if seconds <= LONGEST_STEP_S else 0.0
         if isinstance(self.game.field, PianoField):
             self.game = on_floor(self.game, self._floor())
-        is_enlarged = self.limb.endswith(self.game.game.limbs.removesuffix("s"))
-        game = replace(self.game, gain=self.gain if is_enlarged else 1.0)
+        game = replace(self.game, gain=self._gain_in(self.game))
         self.game = step(game, played, self._touched, shown.skeleton)
         self._watch.update(self.game)
         self._keep_clips()
@@ -315,11 +314,15 @@ class Play:
             score=game.score,
             misses=game.misses,
             by_phantom=self._by_phantom(game),
-            gain=self.gain,
+            gain=self._gain_in(game),
             anomalies=tuple(self._watch.found),
             limb=self.limb,
             tracked=round(self._seen[True] / total, 3) if total else None,
         )
+
+    def _gain_in(self, game: GameState) -> float:
+        """The gain, or 1 in a game for other limbs than those that it enlarges."""
+        return self.gain if self.limb.endswith(game.game.limbs.removesuffix("s")) else 1.0
 
     def _by_phantom(self, game: GameState) -> int:
         own = bones_of(game.game.limbs, self.limb.partition("_")[0])

@@ -101,7 +101,8 @@ class GameSummary:
     by_phantom : int
         Points made by the phantom limb; the intact limb made the others.
     gain : float
-        Factor of joint angles (virtual enhancement) at the end.
+        Factor of joint angles (virtual enhancement) at the end; 1 in a game for other limbs than
+        the replaced one.
     anomalies : tuple of Anomaly
         Times without a point despite a target in reach.
     limb : str
