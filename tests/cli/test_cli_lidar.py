@@ -326,7 +326,7 @@ def test_wrong_numbers_name_their_option(
 def test_a_hoax_that_is_no_scan_is_named(hoax: Path, scan: Path, tmp_path: Path) -> None:
     wrong = hoax.with_suffix(".obj")
     done = run("forge", "lidar", "spoof", scan, "-o", tmp_path / "out.bin", "--hoax", wrong)
-    assert str(done.exception).startswith("--hoax: expected a point file")
+    assert str(done.exception).startswith("--hoax: expected a scan, which this attack copies")
 
 
 def test_the_box_of_the_nearest_object_is_printed(tmp_path: Path) -> None:
